@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 
-from analysis.apps.report.blocks import Block, Figure, Heading, Segments, Table
+from rich.console import Console
+
+from analysis.apps.report.blocks import Block, Figure, Heading, Segments, Table, on_screen
+
+
+def printed(blocks: Sequence[Block], width: int = 80) -> str:
+    """The blocks as a terminal of this width shows them."""
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as shown:
+        console.print(on_screen(blocks))
+    return shown.get()
 
 
 def words_of(blocks: Sequence[Block]) -> list[str]:

@@ -83,6 +83,15 @@ class Browser:
         """Move, press or release the mouse at a position in the window."""
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
+    def sized(self, width: int, height: int, *, is_mobile: bool = False, **media: str) -> None:
+        """Resize the window, and set preferences such as `prefers-color-scheme`, with _ for -."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": is_mobile}
+        self.send("Emulation.setDeviceMetricsOverride", **size)
+        features = [{"name": name.replace("_", "-"), "value": value} for name, value in media.items()]
+        self.send("Emulation.setEmulatedMedia", features=features)
+        if not is_mobile:  # a telephone lays out a page without a stated width 980 wide
+            self.until(f"innerWidth === {width}")
+
     def named(self, *methods: str) -> list[dict[str, Any]]:
         """Parameters of all events named in `methods`."""
         return [event["params"] for event in self.events if event.get("method") in methods]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import shlex
 import signal
 import sys
@@ -14,6 +15,7 @@ import threading
 from functools import cache
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 
 import pytest
 import typer.main
@@ -47,14 +49,17 @@ def ended(*words: str | Path) -> int:
     return int(end.value.code or 0)
 
 
+def _split(words: tuple[str | Path, ...]) -> tuple[str | Path, ...]:
+    return tuple(shlex.split(str(words[0]))) if len(words) == 1 else words
+
+
 def ran(*words: str | Path, cwd: Path | None = None, typed: str = "", **env: str) -> CompletedProcess[str]:
     """Run a command, and return exit code and output like `subprocess.run`.
 
     words: the words of the command, or one line as it is typed; typed: standard input; env: environment variables in
     addition to those of the tests.
     """
-    if len(words) == 1:
-        words = tuple(shlex.split(str(words[0])))
+    words = _split(words)
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(cwd or Path.cwd()),
@@ -69,3 +74,31 @@ def ran(*words: str | Path, cwd: Path | None = None, typed: str = "", **env: str
             patched.setenv(name, value)
         code = ended(*words)
     return CompletedProcess(words, code, *(pipe.buffer.getvalue().decode() for pipe in (out, err)))
+
+
+def succeeded(*words: str | Path, **options: Any) -> CompletedProcess[str]:
+    """Run a command as `ran` does, and require that it succeeds."""
+    done = ran(*words, **options)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def json_of(*words: str | Path, **options: Any) -> Any:
+    """The answer of a command with --json that succeeds."""
+    return json.loads(succeeded(*_split(words), "--json", **options).stdout)
+
+
+def errors_of(*words: str | Path, exit_code: int = 3, **options: Any) -> str:
+    """What a command that ends with an exit code prints on standard error."""
+    done = ran(*words, **options)
+    assert done.returncode == exit_code, done.stderr
+    return done.stderr
+
+
+def failure_of(*words: str | Path, cwd: Path | None = None) -> tuple[int, str]:
+    """Exit code and error code of a command that fails with --json and prints no result."""
+    done = ran(*_split(words), "--json", cwd=cwd)
+    assert done.returncode and not done.stdout, done.stdout
+    error = json.loads(done.stderr.splitlines()[-1])["error"]
+    assert error["exit_code"] == done.returncode and error["remedy"]
+    return done.returncode, str(error["code"])

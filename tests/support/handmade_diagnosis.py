@@ -186,3 +186,8 @@ def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
         acts=ACTS[condition],
     )
     return replace(made, **changed)
+
+
+def judged(found: Diagnosis, **accuracy: Any) -> Diagnosis:
+    """A diagnosis with other values of its accuracy."""
+    return replace(found, accuracy=replace(found.accuracy, **accuracy))

@@ -138,16 +138,13 @@ class Oracle:
 
 
 class Simulated(RealCell):
-    """Simulates a run of the rig file of each step. whys: failure reasons by the number of the drive."""
+    """Simulates a run of the rig file of each step."""
 
-    def __init__(self, directory: Path, whys: Mapping[int, str] | None = None) -> None:
-        self.directory, self.whys, self.oracle = directory, dict(whys or {}), Oracle()
+    def __init__(self, directory: Path) -> None:
+        self.directory, self.oracle = directory, Oracle()
         self.driven: list[str] = []
         self.stages: list[str] = []
         self.entered: list[Path] = []
-        self.can_enter = True
-        self.instead: dict[int, str] = {}
-        """Programs started by mistake instead of the requested one, by number."""
         self._programs: Mapping[str, SessionProgram] = {}
 
     def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
@@ -160,18 +157,18 @@ class Simulated(RealCell):
     def drive(self, step: ProgramStep, look: Callable[[], None]) -> ProgramRun:
         look()
         number = len(self.driven)
-        program = self._programs[self.instead.get(number, step.program)]
+        program = self._programs[step.program]
         self.driven.append(program.name)
         name = f"20260101T0000{number:02d}Z_{program.name}"
         runs = self.directory / "runs"
         while (runs / name).exists():
             name = f"{name}+"
         shutil.copytree(self._run_of(program), runs / name)
-        return ProgramRun(name, program.name, self.whys.get(number, ""))
+        return ProgramRun(name, program.name)
 
     def enter(self, file: Path) -> bool:
         self.entered.append(file)
-        return self.can_enter
+        return True
 
     def close(self) -> None:
         pass

@@ -7,29 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.runs.loading import Measured
-from rigs.errors import FileError, RigError
 from rigs.load import load
+from tests.support.command_line import failure_of, ran, succeeded
 from tests.support.handmade_diagnosis import diagnosis
+from tests.support.written_files import contents
 
 # Without limits: figures that nobody looks at would take a quarter of each diagnosis.
 CELL = re.sub(r"(?ms)^limits:.*?(?=^\S|\Z)", "", load("paper-fanuc")[1]).replace("speed_mm_s: 25", "speed_mm_s: 50")
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
 HIDDEN = "eccentricity_mm: [0.6, -0.4, 0.1]\neffects:\n  - {effect: backlash, axis: 1, width_deg: 0.06}\n"
-
-
-def _rig(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=True)
-
-
-def _told(*words: object) -> str:
-    done = _rig(*words)
-    assert done.exit_code == 0, (done.output, done.exception)
-    return done.stdout
 
 
 @dataclass(frozen=True)
@@ -57,8 +46,9 @@ def cell(tmp_path_factory):
     hidden.write_text(HIDDEN)
 
     def runs(file: Path, test: str, count: int, seed: int) -> tuple[Path, ...]:
-        words = ("--test", test, "--runs", count, "--seed", seed, "--effects", hidden, "-o", directory / "runs")
-        return tuple(Path(line) for line in _told("simulate", file, *words).split())
+        words = ("--test", test, "--runs", str(count), "--seed", str(seed), "--effects", hidden)
+        done = succeeded("simulate", file, *words, "-o", directory / "runs")
+        return tuple(map(Path, done.stdout.split()))
 
     return Cell(directory, rig, runs(rig, "yaw", 2, 1), runs(rig, "yaw", 1, 20), runs(other, "yaw", 1, 30))
 
@@ -66,8 +56,7 @@ def cell(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(cell):
     output = cell.directory / "found"
-    done = _rig("diagnose", *cell.judged, "--json", "-o", output)
-    assert done.exit_code == 0, (done.output, done.exception)
+    done = succeeded("diagnose", *cell.judged, "--json", "-o", output)
     return json.loads(done.stdout), done.stderr, output
 
 
@@ -85,7 +74,7 @@ def test_the_hidden_backlash_is_named_with_its_size(found):
 
 def test_the_files_are_written_and_named(cell, found):
     answer, told, output = found
-    assert json.loads((output / "diagnosis.json").read_text()) == answer
+    assert contents(output / "diagnosis.json") == answer
     assert (output / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
     extended = output / "paper-fanuc.yaml"
     (again,) = re.findall(r"next: rig diagnose (.*) --rig (.*)  # verify", told)
@@ -112,9 +101,8 @@ def test_wrong_input_is_one_line(case, cell, tmp_path):
         "robot": ([*cell.runs, "--rig", other], "a different robot"),
         "rig file": ([run, "--rig", tmp_path / "no.yaml"], "no such"),
     }[case]
-    done = _rig("diagnose", *words)
-    raised = done.exception.lines() if isinstance(done.exception, RigError) else []
-    (line,) = raised or done.stderr.splitlines()
+    done = ran("diagnose", *words)
+    (line,) = done.stderr.splitlines()
     assert told in line and not done.stdout
     assert [path.name for path in (tmp_path / "used").iterdir()] == ["mine"]
 
@@ -127,14 +115,13 @@ def test_one_damaged_run_names_itself(cell, tmp_path, monkeypatch):
     copy = tmp_path / "run"
     shutil.copytree(cell.runs[0], copy)
     (copy / "manifest.json").write_text("{")
-    done = _rig("diagnose", copy, *cell.runs[1:], "--json")
-    assert done.exit_code == 3
-    (error,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
+    done = ran("diagnose", copy, *cell.runs[1:], "--json")
+    assert done.returncode == 3
+    (error,) = (line for line in done.stderr.splitlines() if '"error"' in line)
     assert str(copy) in error and len(json.loads(done.stdout)["runs"]) == len(cell.runs) - 1  # the others are diagnosed
 
 
 def test_a_copy_is_no_repeat_and_judges_nothing(cell, tmp_path):
     copy = shutil.copytree(cell.runs[0], tmp_path / "copy")
     for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
-        error = _rig("diagnose", *words).exception
-        assert isinstance(error, FileError) and f"{copy.name}: " in str(error) and error.code == "run.copy"
+        assert failure_of("diagnose", *words) == (3, "run.copy")

@@ -3,15 +3,17 @@ that says what is wrong, before anything is driven or written, and none in a tra
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis.apps.planning import pose_plan
 from rigs.errors import RigError
 from rigs.load import load
 from rigs.readiness import missing_for, readiness_lines
-from rigs.schema.vocabulary import OF_ISO9283, TestName
+from rigs.schema.vocabulary import OF_ISO9283
 from tests.support.command_line import ran
 from tests.support.drawn_rig_files import DrawnFile, drawn
+from tests.support.written_files import JOINTS, write_columns
 
 _COMMANDS = """\
 check CELL
@@ -63,18 +65,15 @@ def test_one_mistake_is_answered_in_a_line(seed, tmp_path, monkeypatch):
             assert code == 3 and line in first, (file.title, words, first)
         if rig is not None and words[0] == "simulate":
             test = words[3]
-            tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)
+            tests = OF_ISO9283 if test == "iso9283" else (test,)
             missing = missing_for(rig, tests[0])
             assert not missing or f"cell.yaml: {missing[0].problem}" in first, (file.title, words, first)
             assert not missing or missing[0].key in "\n".join(readiness_lines(rig))
 
 
 def tables(folder: Path) -> None:
-    joints = [f"q{axis}_deg" for axis in range(1, 7)]
-    rows = [[float(k), *(10.0 * axis + k for axis in range(6)), 0.1, 0.2] for k in range(20)]
-    text = ",".join(["t_s", "direction", *joints, "g1_mm", "g2_mm"]) + "\n"
-    text += "".join(f"{row[0]},acw,{','.join(map(str, row[1:]))}\n" for row in rows)
-    (folder / "circle.csv").write_text(text)
-    text = ",".join(["socket", *joints]) + "\n"
-    text += "".join(f"{'AB'[k % 2]},{','.join(map(str, row[1:7]))}\n" for k, row in enumerate(rows))
-    (folder / "touches.csv").write_text(text)
+    t_s = np.arange(20.0)
+    q, g_mm = t_s[:, None] + 10.0 * np.arange(6), np.tile([0.1, 0.2], (20, 1))
+    names = ["t_s", "direction", *JOINTS, "g1_mm", "g2_mm"]
+    write_columns(folder / "circle.csv", names, t_s, np.full(20, "acw"), q, g_mm)
+    write_columns(folder / "touches.csv", ["socket", *JOINTS], ["A", "B"] * 10, q)

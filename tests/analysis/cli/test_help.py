@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from analysis import cli
 from analysis.cli import app
 from analysis.cli.commands import JOBS
-from tests.support.command_line import all_imported, ran
+from tests.support.command_line import all_imported, succeeded
 
 BIN = Path(sys.executable).parent
 ROOT = all_imported()
@@ -62,18 +62,18 @@ def test_the_help_lists_every_command_in_the_order_of_the_work():
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ((), "error: rigd: Missing argument 'RIG'; see rigd --help"),
-        (("a", "b"), "error: rigd: Got unexpected extra argument(s) (b); see rigd --help"),
-        (("--nope",), "error: rigd: No such option: --nope; see rigd --help"),
+        ("", "error: rigd: Missing argument 'RIG'; see rigd --help"),
+        ("a b", "error: rigd: Got unexpected extra argument(s) (b); see rigd --help"),
+        ("--nope", "error: rigd: No such option: --nope; see rigd --help"),
     ],
 )
 def test_a_wrong_call_of_rigd_is_one_line(words, line):
-    done = subprocess.run([BIN / "rigd", *words], capture_output=True, text=True, check=False)
+    done = subprocess.run([BIN / "rigd", *words.split()], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, f"{line}\n")
 
 
 @pytest.mark.parametrize("word", ["ccw", "CCW", "anticlockwise", "acw"])
 def test_ccw_is_accepted(word, tmp_path):
     words = ["simulate", "paper-fanuc", "--test", "yaw", "--direction", word, "-o", str(tmp_path)]
-    assert ran(*words).returncode == 0
+    succeeded(*words)
     assert [run.name for run in tmp_path.iterdir()] == ["yaw-acw-000"]

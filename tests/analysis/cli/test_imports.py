@@ -36,7 +36,7 @@ WORDS = {
 def imported_by(*words: str | Path) -> list[str]:
     """The modules that a command imports, in a process of its own."""
     done = subprocess.run([sys.executable, "-c", _PRINT, *words], capture_output=True, text=True, check=False)
-    modules: list[str] = json.loads(done.stderr.rpartition("modules ")[2])
+    modules = json.loads(done.stderr.rpartition("modules ")[2])
     assert "analysis.cli" in modules and done.returncode == 0, done.stderr
     return modules
 
@@ -74,9 +74,9 @@ def test_runs_command_imports_only_readers_of_manifests(run):
     assert works <= WORDS
 
 
-@pytest.mark.parametrize("words", [["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
+@pytest.mark.parametrize("words", ["analyse", "analyse --json", "analyse --lines"])
 def test_analyse_imports_only_the_evaluation(words, run):
-    modules = modules_of(*words, run)
+    modules = modules_of(*words.split(), run)
     assert packages(modules) <= READING | OURS | {"daq"}  # no scipy, no pandas, no matplotlib
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
     assert not rings & {"diagnosis", "correction"}

@@ -13,7 +13,7 @@ from analysis.apps.report.html_page import write_html
 from daq.store import read_run
 from rigs.effects import play_of_joint
 from rigs.load import SHIPPED
-from tests.support.command_line import ran
+from tests.support.command_line import ran, succeeded
 from tests.support.handmade_diagnosis import diagnosis
 
 _CHANGES = {"os.mkdir", "os.rename", "os.link", "os.remove", "os.rmdir"}
@@ -57,7 +57,7 @@ def given(tmp_path_factory):
     directory = tmp_path_factory.mktemp("given")
     for direction in ("acw", "cw"):
         save_run(simulate("ur10e", "yaw", direction, seed=1, effects="ur10e"), directory / direction)
-    assert ran(f"export {directory}/acw --to csv -o {directory}/lap.csv").returncode == 0
+    succeeded(f"export {directory}/acw --to csv -o {directory}/lap.csv")
     return directory
 
 
@@ -66,7 +66,7 @@ RIG = SHIPPED / "ur10e.yaml"
 _IMPORT = ("--rig", RIG, "--test", "yaw")
 _EFFECTS = [play_of_joint(1, 0.02)]
 _DIAGNOSED = diagnosis(curves=(), maps=())  # a picture of everything takes a second
-CASES: dict[str, Write] = {
+CASES = {
     "import": lambda given, out: ran("import", given / "lap.csv", *_IMPORT, "-o", out / "run"),
     "simulate": lambda _, out: ran(f"simulate {RIG} --test radial --runs 2 -o {out}"),
     "simulate --csv": lambda _, out: ran(f"simulate {RIG} --test radial --csv -o {out}"),
@@ -77,7 +77,7 @@ CASES: dict[str, Write] = {
     "diagnose -o": lambda _, out: diagnosis_report.write(_DIAGNOSED, RIG.read_text(), out / "found"),
     "calibrate -o": lambda _, out: write_extended(RIG.read_text(), _EFFECTS, out / "cell.yaml"),
     "report": lambda _, out: write_html("<p>a page</p>", out / "page.html"),
-    "example": lambda _, out: ran("example", out / "example"),
+    "example": lambda _, out: ran(f"example {out}/example"),
 }
 
 

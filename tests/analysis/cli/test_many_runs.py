@@ -1,13 +1,8 @@
 import pytest
-from typer.testing import CliRunner, Result
 
-from analysis.cli import app
 from analysis.cli.several import over_runs
+from tests.support.command_line import ran
 from tests.support.plant_runs import robot_of, write_visits
-
-
-def ran(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")
@@ -20,13 +15,13 @@ def plant(tmp_path_factory):
     return plant
 
 
-@pytest.mark.parametrize("command", [["verify"], ["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
+@pytest.mark.parametrize("command", ["verify", "analyse", "analyse --json", "analyse --lines"])
 def test_output_does_not_depend_on_processes(command, plant):
-    one, two = (ran(*command, plant, "--jobs", jobs) for jobs in (1, 2))
-    assert one.exit_code == 3 and one.stdout
+    one, two = (ran(f"{command} {plant} --jobs {jobs}") for jobs in ("1", "2"))
+    assert one.returncode == 3 and one.stdout
     (error,) = (line for line in one.stderr.splitlines() if "note" not in line)
     assert str(plant / "b") in error
-    assert (two.exit_code, two.stdout, two.stderr) == (one.exit_code, one.stdout, one.stderr)
+    assert (two.returncode, two.stdout, two.stderr) == (one.returncode, one.stdout, one.stderr)
 
 
 def stops(item: int) -> int:
@@ -36,7 +31,7 @@ def stops(item: int) -> int:
 
 
 def test_ctrl_c_reports_progress(capsys):
-    seen: list[int] = []
+    seen = []
     with pytest.raises(KeyboardInterrupt):
         over_runs(stops, [0, 1, 2, 3], seen.append, doing="counting")
     assert seen == [0, 1]

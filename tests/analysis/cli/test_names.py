@@ -1,16 +1,16 @@
 import getpass
 import socket
-from typing import Any
 
 import pytest
 
 from analysis.apps.emulate.served_cell import locked_cell
 from analysis.cli.options import operator_or_user
 from daq.store import durable
-from rigs.errors import CellError, FileError
+from rigs.errors import FileError
 from rigs.load import SHIPPED, find
 from rigs.schema.vocabulary import maker_named
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, ran, succeeded
+from tests.support.refusals import refused
 
 
 @pytest.mark.parametrize(
@@ -39,38 +39,35 @@ def test_a_shipped_rig_is_understood_as_people_write_it(name, file):
 def test_ambiguous_name_is_refused_with_near_ones():
     with pytest.raises(FileError, match="ur10e"):
         find("UR")
-    done = ran("arms", "UR")
-    assert done.returncode == 3 and "ur10e" in done.stderr
-    assert ran("arms", "UR10E").stdout == ran("arms", "ur10e").stdout != ""
+    assert "ur10e" in errors_of("arms UR")
+    assert ran("arms UR10E").stdout == ran("arms ur10e").stdout != ""
 
 
 def test_earlier_spellings_of_options_work_and_are_hidden(tmp_path):
     radial = ("simulate", "UR10e", "--test", "radial")
-    assert ran(*radial, "--runs", "2", "-o", tmp_path / "runs").returncode == 0
-    assert ran(*radial, "--times=2", "-o", tmp_path / "same").returncode == 0
+    succeeded(*radial, "--runs", "2", "-o", tmp_path / "runs")
+    succeeded(*radial, "--times=2", "-o", tmp_path / "same")
     assert len(list((tmp_path / "runs").iterdir())) == len(list((tmp_path / "same").iterdir())) == 2
     new, old = (ran(f"history ur10e {option} {tmp_path}/runs --json") for option in ("--runs", "--data"))
     assert new.returncode == old.returncode == 0 and new.stdout == old.stdout
     for command, word in (("correct", "--controller"), ("history", "--data"), ("simulate", "--runs ")):
-        assert word not in ran(command, "--help", COLUMNS="200").stdout
+        assert word not in ran(f"{command} --help", COLUMNS="200").stdout
 
 
 @pytest.mark.parametrize("rig", ["ur10e", "paper-fanuc"])
 def test_the_doctor_touches_no_address_of_a_shipped_example(rig, monkeypatch):
-    reached: list[Any] = []
+    reached = []
     monkeypatch.setattr(socket.socket, "connect", lambda _, address: reached.append(address))
-    done = ran("doctor", rig)
+    done = ran(f"doctor {rig}")
     assert "init cell.yaml" in done.stdout
     assert not [address for address in reached if isinstance(address, tuple)]
-    scanned = ran(f"doctor {rig} --scan")
-    assert scanned.returncode == 2 and scanned.stderr.startswith("error: --scan: ")
+    assert errors_of(f"doctor {rig} --scan", exit_code=2).startswith("error: --scan: ")
 
 
 def test_second_cell_in_a_directory_is_refused(tmp_path):
     lock = locked_cell(tmp_path / "cell")
-    with pytest.raises(CellError) as error:
+    with refused("cell.second"):
         locked_cell(tmp_path / "cell")
-    assert error.value.code == "cell.second"
     durable.close(lock)
     durable.close(locked_cell(tmp_path / "cell"))
 
@@ -80,9 +77,8 @@ def test_emulated_cell_replaces_no_foreign_rig_file(read, tmp_path):
     own = tmp_path / "rig.yaml"
     own.write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
     for command in (("emulate",), ("replay", own)):
-        done = ran(*command, own if read == "own" else read, "-o", tmp_path)
-        (line,) = done.stderr.splitlines()
-        assert done.returncode == 3 and "rig.yaml: already exists" in line
+        (line,) = errors_of(*command, own if read == "own" else read, "-o", tmp_path).splitlines()
+        assert "rig.yaml: already exists" in line
     assert own.read_bytes() == (SHIPPED / "ur10e.yaml").read_bytes()
     assert list(tmp_path.iterdir()) == [own]
 

@@ -4,7 +4,7 @@ import pytest
 
 from analysis.procedures.results import fitness
 from daq.service import client
-from tests.support.command_line import ran
+from tests.support.command_line import succeeded
 from tests.support.recorded_lap import recorded
 
 CUT = "the robot was still moving when the recording ended"
@@ -38,12 +38,12 @@ def test_the_remedy_is_the_one_that_mends_the_run(tmp_path, monkeypatch, label, 
 
     monkeypatch.setattr(client, "Client", Daemon)
     monkeypatch.setattr(client, "find_socket", lambda rig: tmp_path)
-    done = ran("record", "stop")
-    assert done.returncode == 0 and done.stdout == f"{run}\n"
+    done = succeeded("record stop")
+    assert done.stdout == f"{run}\n"
     for words in said:
         assert words.format(run=run) in done.stderr
     for words in unsaid:
         assert words not in done.stderr
     if label == "cw":
-        assert ran(f"relabel {run} --direction acw").returncode == 0
+        succeeded(f"relabel {run} --direction acw")
         assert fitness(run).drove is None

@@ -5,7 +5,7 @@ import pytest
 
 from analysis.apps.plant.versions import versions
 from rigs.load import load
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, ran, succeeded
 from tests.support.handmade_calibration import calibrated_model, written
 from tests.support.refusals import refused
 
@@ -25,7 +25,7 @@ def test_versions_are_listed_newest_first(robot):
         (str(now), "2026-11-20", True),
         (str(march), "2026-03-01", False),
     ]
-    done = ran("versions", now)
+    done = ran(f"versions {now}")
     assert "in use" in done.stdout
     assert f"rig compare {now} {march}" in done.stderr.replace("\n", " ")
 
@@ -39,15 +39,14 @@ def test_a_folder_of_very_many_files_is_refused(robot, monkeypatch):
 def test_going_back_keeps_both_versions(robot):
     now, march = robot
     before, old = now.read_text(), load(march)[0]
-    done = ran(f"versions {now} --back-to {march}")
-    assert done.returncode == 0, done.stderr
+    succeeded(f"versions {now} --back-to {march}")
     rig, _ = load(now)
     assert rig.calibrated.calibrated_um == 3.4
     assert rig.effects == old.effects
     (kept,) = now.parent.glob("cell-until-*.yaml")
     assert kept.read_text() == before
     assert load(kept)[0].calibrated.calibrated_um == 1.9  # its calibration is still beside it
-    assert ran(f"versions {now} --back-to {kept}").returncode == 0
+    succeeded(f"versions {now} --back-to {kept}")
     assert load(now)[0].calibrated.calibrated_um == 1.9
 
 
@@ -56,8 +55,7 @@ def test_another_robot_is_refused(robot, tmp_path):
     text = march.read_text().replace("robot:\n", "robot:\n  serial: B-2\n", 1)
     march.write_text(text)
     before = now.read_bytes()
-    done = ran(f"versions {now} --back-to {march}")
-    assert done.returncode == 3
+    errors_of(f"versions {now} --back-to {march}")
     assert now.read_bytes() == before
     assert [one["path"] for one in json.loads(ran(f"versions {now} --json").stdout)["versions"]] == [str(now)]
-    assert ran(f"versions {now} --back-to {now}").returncode == 3
+    errors_of(f"versions {now} --back-to {now}")

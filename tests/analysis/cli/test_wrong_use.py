@@ -1,18 +1,16 @@
-import json
 import re
 import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from analysis.cli import app
 from daq.store import retention
 from rigs.errors import CellError, FileError, RigError
-from rigs.load import SHIPPED, load
+from rigs.load import load
 from tests.support.bench import BIN
-from tests.support.command_line import ended, ran
+from tests.support.changed_rigs import shipped
+from tests.support.command_line import ended, errors_of, ran, succeeded
 
 
 @pytest.mark.parametrize(
@@ -32,34 +30,24 @@ from tests.support.command_line import ended, ran
     ],
 )
 def test_option_without_effect_or_with_an_impossible_value_is_refused(words, option):
-    done = ran(*words.split())
-    (line,) = done.stderr.splitlines()
-    assert done.returncode == 2 and line.startswith("error: ") and option in line
-
-
-def test_with_json_an_error_is_one_object_with_its_code():
-    done = ran("live --plain --json")
-    error = json.loads(done.stderr)["error"]
-    assert (done.returncode, error["code"], error["exit_code"]) == (2, "live.option", 2) and error["remedy"]
+    (line,) = errors_of(words, exit_code=2).splitlines()
+    assert line.startswith("error: ") and option in line
 
 
 def test_error_names_the_rig_file_and_its_part(tmp_path):
-    data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
+    data = shipped("paper-fanuc")
     data["tests"]["repeatability"] = {"targets": [1, 99]}
     cell = tmp_path / "cell.yaml"
     cell.write_text(yaml.safe_dump(data))
     line = f"error: {cell}, tests.repeatability: target 99"
-    simulated = ("simulate", cell, "--test", "repeatability", "-o", tmp_path / "out")
-    written = ("program", cell, "--for", "ur", "--test", "repeatability", "-o", tmp_path / "out")
-    for words in (("check", cell), simulated, written, ("plan", cell, "--tests", "repeatability")):
-        done = ran(*words)
-        assert done.returncode == 3 and done.stderr.startswith(line)
-    done = ran(f"correct {cell} -o {tmp_path}/out")
-    assert done.stderr.startswith(f"error: {cell}: ")
+    of_test = f"--test repeatability -o {tmp_path}/out"
+    simulated, written = f"simulate {cell} {of_test}", f"program {cell} --for ur {of_test}"
+    for words in (f"check {cell}", simulated, written, f"plan {cell} --tests repeatability"):
+        assert errors_of(words).startswith(line)
+    assert errors_of(f"correct {cell} -o {tmp_path}/out").startswith(f"error: {cell}: ")
     data["tests"]["circle"]["centre_mm"] = [9000, 0, 0]
     cell.write_text(yaml.safe_dump(data))
-    done = ran(f"emulate {cell} -o {tmp_path}/emulated")
-    assert done.returncode == 3 and done.stderr.startswith(f"error: {cell}, tests.circle: pose 1 of")
+    assert errors_of(f"emulate {cell} -o {tmp_path}/emulated").startswith(f"error: {cell}, tests.circle: pose 1 of")
 
 
 CLOSED = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
@@ -77,45 +65,42 @@ def test_unreadable_directory_is_named(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(retention, "is_run", denied)  # root may read everything
-    done = ran("runs", tmp_path)
+    done = ran(f"runs {tmp_path}")
     assert done.stderr.startswith(f"{tmp_path / 'lap'}: ") and not done.stdout
 
 
 def test_unrecoverable_run_is_reported(tmp_path):
-    assert ran(f"simulate paper-fanuc --test yaw --direction cw -o {tmp_path}").returncode == 0
+    succeeded(f"simulate paper-fanuc --test yaw --direction cw -o {tmp_path}")
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
-    assert ran("recover", run).stdout.startswith(f"{run}: nothing ")
+    assert ran(f"recover {run}").stdout.startswith(f"{run}: nothing ")
     ledger, table = run / "ledger.jsonl", run / "table-0001.parquet"
     kept = ledger.read_bytes()
     ledger.unlink()
-    assert ran("verify", run).stderr.splitlines()[0].endswith(f"run `rig recover {run}`")
-    assert "import" not in ran("verify", run).stderr  # the table is there
+    assert ran(f"verify {run}").stderr.splitlines()[0].endswith(f"run `rig recover {run}`")
+    assert "import" not in ran(f"verify {run}").stderr  # the table is there
     ledger.write_bytes(b"?" + kept)
     table.rename(run / "elsewhere")
-    done = ran("recover", run)
+    done = ran(f"recover {run}")
     assert done.returncode == 3 and "rig verify" not in done.stdout and "table" in done.stderr
     (run / "elsewhere").rename(table)
     ledger.write_bytes(kept)
     table.write_bytes(table.read_bytes()[:-9])
-    done = ran("recover", run)
-    assert done.returncode == 3 and "nothing" not in done.stdout
-    assert done.stderr.splitlines()[-1].startswith(f"error: {run}: ")
+    assert errors_of(f"recover {run}").splitlines()[-1].startswith(f"error: {run}: ")
 
 
 def test_missing_directory_is_created(tmp_path):
-    assert ran(f"simulate paper-fanuc --test yaw --direction cw -o {tmp_path}").returncode == 0
+    succeeded(f"simulate paper-fanuc --test yaw --direction cw -o {tmp_path}")
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
-    assert ran(f"export {run} --to csv -o {tmp_path}/new/deeper/lap.csv").returncode == 0
-    done = ran(f"export {run} --to csv -o {tmp_path}/new/deeper/lap.csv/x.csv")
-    assert done.returncode == 3 and "lap.csv" in done.stderr and "--output" in done.stderr
+    succeeded(f"export {run} --to csv -o {tmp_path}/new/deeper/lap.csv")
+    told = errors_of(f"export {run} --to csv -o {tmp_path}/new/deeper/lap.csv/x.csv")
+    assert "lap.csv" in told and "--output" in told
 
 
 @pytest.mark.parametrize(
-    ("asked", "says"), [(("--test", "pose"), "'pose'"), (("--test", "radial", "--direction", "cw"), "radial test")]
+    ("asked", "says"), [("--test pose", "'pose'"), ("--test radial --direction cw", "radial test")]
 )
 def test_impossible_simulation_is_refused(asked, says, tmp_path):
-    result = CliRunner().invoke(app, ["simulate", "ur10e", *asked, "-o", str(tmp_path / "runs")])
-    assert result.exit_code == 2 and says in " ".join(result.output.replace("│", " ").split())
+    assert says in errors_of(f"simulate ur10e {asked} -o {tmp_path}/runs", exit_code=2)
     assert not (tmp_path / "runs").exists()
 
 
@@ -196,5 +181,5 @@ def test_ctrl_c_reports_written_files(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(rigs.load, "load", fail)
-    done = ran("check", "ur10e")
+    done = ran("check ur10e")
     assert done.returncode == 130 and done.stderr.startswith("interrupted; nothing ")

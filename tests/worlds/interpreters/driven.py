@@ -8,12 +8,21 @@ from scipy.spatial.transform import Rotation
 from analysis.apps.emulate.pendant import interpret
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import Array, Event, LinearMove, Machine, PointToPointMove, Round
+from analysis.apps.makers.motion_plan import Demand, MotionPlan, demand_of
+from analysis.apps.makers.writing import programs_of
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.worlds.interpreters.arms import flange_of, pose_of
 
 ROUNDING = 1e-6
 """Motion in mm and rad allowed for a line to the current position, due to rounded numbers in the program."""
+
+
+def files_of(dialect: MakerName, plan: MotionPlan, demand: Demand | None = None) -> dict[str, str]:
+    """The program of a plan as files by name, with the line ends of the maker."""
+    newline = maker_by(dialect).writer.newline
+    files = programs_of(dialect, [(plan, demand or demand_of(plan))])
+    return {name: text.replace("\n", newline) for name, text in files.items()}
 
 
 def run(dialect: MakerName, files: dict[str, str], rig: Rig) -> list[Event]:

@@ -1,5 +1,6 @@
 import datetime as dt
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,35 +18,32 @@ from rigs.calibration import packed_factor
 from rigs.effects import Effect, JointOffset, TransmissionError
 from rigs.load import load
 from rigs.schema.limits import Limits
-from tests.support.command_line import ran
+from tests.support.command_line import failure_of, ran
 from tests.support.handmade_calibration import calibrated_model, written
 
 ROWS = (("A", 0, 5), ("B", 2, 5), ("C", 4, 5), ("D", 4, 8), ("far", 80, 5))
 TARGETS = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n" + "\n".join(
     f"{name},{q1},{q2},-8,2,-15,5" for name, q1, q2 in ROWS
 )
-SHIFT: tuple[tuple[Effect, float], ...] = ((JointOffset(axis=2, offset_deg=0.3), 1.0),)
+SHIFT = ((JointOffset(axis=2, offset_deg=0.3), 1.0),)
 """Moves neighbouring targets alike."""
-RIPPLE: tuple[tuple[Effect, float], ...] = (
-    (TransmissionError(axis=1, order=90, amplitude_deg=0.02, phase_deg=90), 1.0),
-)
+RIPPLE = ((TransmissionError(axis=1, order=90, amplitude_deg=0.02, phase_deg=90), 1.0),)
 """Moves targets that are two degrees of axis 1 apart in opposite directions."""
 
 
-def certified(directory: Path, terms: tuple[tuple[Effect, float], ...], *words: str) -> dict[str, Any]:
-    count = len(terms) + 1
-    written(directory, calibrated_model(terms, factor=packed_factor(1e-3 * np.eye(count))))
+def certified(
+    directory: Path, terms: Sequence[tuple[Effect, float]], *tolerances: str, options: str = ""
+) -> dict[str, Any]:
+    written(directory, calibrated_model(terms, factor=packed_factor(1e-3 * np.eye(len(terms) + 1))))
     (directory / "targets.csv").write_text(TARGETS)
-    done = ran(
-        "certify", "targets.csv", "--rig", "cell.yaml", "--repeatability", "0.02", "--json", *words, cwd=directory
-    )
-    found: dict[str, Any] = json.loads(done.stdout)
+    asked = " ".join([f"--tolerance {one}" for one in tolerances] + [options])
+    done = ran(f"certify targets.csv --rig cell.yaml --repeatability 0.02 --json {asked}", cwd=directory)
+    found = json.loads(done.stdout)
     return found | {"exit_code": done.returncode, "by_name": {one["name"]: one for one in found["features"]}}
 
 
 def test_common_error_is_rejected_for_positions_and_accepted_for_distances(tmp_path):
-    asked = ("--tolerance", "A=0.7mm", "--tolerance", "distance:A,B=0.7mm", "--tolerance", "distance:A,D=0.7mm")
-    found = certified(tmp_path, SHIFT, *asked)
+    found = certified(tmp_path, SHIFT, "A=0.7mm", "distance:A,B=0.7mm", "distance:A,D=0.7mm")
     verdicts = {name: (one["verdict"], one["corrected"]["verdict"]) for name, one in found["by_name"].items()}
     assert verdicts == {
         "A": ("reject", "accept"),
@@ -58,13 +56,12 @@ def test_common_error_is_rejected_for_positions_and_accepted_for_distances(tmp_p
 
 
 def test_opposite_errors_are_accepted_for_positions_and_rejected_for_distances(tmp_path):
-    asked = ("--tolerance", "A=0.9mm", "--tolerance", "B=0.9mm", "--tolerance", "distance:A,B=0.6mm")
-    found = certified(tmp_path, RIPPLE, *asked)["by_name"]
+    found = certified(tmp_path, RIPPLE, "A=0.9mm", "B=0.9mm", "distance:A,B=0.6mm")["by_name"]
     assert [found[name]["verdict"] for name in ("A", "B", "distance:A,B")] == ["accept", "accept", "reject"]
 
 
 def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_path):
-    found = certified(tmp_path, SHIFT, "--tolerance", "far=50mm", "--tolerance", "distance:A,far=50mm")
+    found = certified(tmp_path, SHIFT, "far=50mm", "distance:A,far=50mm")
     for feature in found["features"]:
         assert (feature["verdict"], feature["probability"], feature["u_mm"]) == ("undecided", None, None)
         assert "axis 1" in feature["why"]
@@ -72,18 +69,17 @@ def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_pat
 
 
 def test_straightness_of_two_targets_is_that_of_the_line_between_them(tmp_path):
-    words = [word for targets in ("A,C", "A,far") for word in ("--tolerance", f"straightness:{targets}=0.1mm")]
-    line, beyond = certified(tmp_path, RIPPLE, *words)["features"]
+    asked = "straightness:A,C=0.1mm", "straightness:A,far=0.1mm"
+    line, beyond = certified(tmp_path, RIPPLE, *asked)["features"]
     assert 0.005 < line["expected_mm"] < 0.1  # two points alone are always straight
     assert (line["verdict"], beyond["verdict"]) == ("accept", "undecided")
 
 
 def test_unmeasured_arm_decides_nothing(tmp_path):
     (tmp_path / "targets.csv").write_text(TARGETS)
-    done = ran("certify", "targets.csv", "--arm", "ur10e", "--tolerance", "A=50mm", "--json", cwd=tmp_path)
+    done = ran("certify targets.csv --arm ur10e --tolerance A=50mm --json", cwd=tmp_path)
     feature = json.loads(done.stdout)["features"][0]
-    assert (done.returncode, feature["verdict"]) == (1, "undecided")
-    assert feature["probability"] == 1.0
+    assert (done.returncode, feature["verdict"], feature["probability"]) == (1, "undecided", 1.0)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +98,7 @@ def test_unmeasured_arm_decides_nothing(tmp_path):
     ],
 )
 def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, tolerance, code):
-    found = certified(tmp_path, SHIFT, "--tolerance", tolerance, "--tolerance", "B=5mm")
+    found = certified(tmp_path, SHIFT, tolerance, "B=5mm")
     assert [error["code"] for error in found["errors"]] == [code]
     assert (found["exit_code"], list(found["by_name"])) == (2, ["B"])
 
@@ -115,15 +111,16 @@ def test_flatness_of_a_program_without_targets_is_an_error():
 def test_table_of_features_and_page(tmp_path):
     rows = "name,kind,targets,tolerance_mm\nedge,distance,A;B,0.3\n,position,all,90\nbad,distance,A;B,wide\n"
     (tmp_path / "features.csv").write_text(rows)
-    found = certified(tmp_path, SHIFT, "--features", "features.csv", "-o", "page.html")
+    found = certified(tmp_path, SHIFT, options="--features features.csv -o page.html")
     assert list(found["by_name"]) == ["edge", "A", "B", "C", "D", "far"]
     assert [error["code"] for error in found["errors"]] == ["certify.tolerance"]
     page = (tmp_path / "page.html").read_text()
     assert page.count("<tr>") == 7
     assert "data:image/png" in page
     (tmp_path / "features.csv").write_text(rows.replace("tolerance_mm", "tolerance"))
-    done = ran("certify", "targets.csv", "--rig", "cell.yaml", "--features", "features.csv", "--json", cwd=tmp_path)
-    assert json.loads(done.stderr)["error"]["code"] == "certify.columns"
+    assert (
+        failure_of("certify targets.csv --rig cell.yaml --features features.csv", cwd=tmp_path)[1] == "certify.columns"
+    )
 
 
 PROGRAM = """def job():
@@ -140,16 +137,10 @@ end
 
 def test_program_judges_understood_targets_and_lists_the_others(tmp_path):
     (tmp_path / "job.script").write_text(PROGRAM)
-    words = (
-        "--tolerance",
-        "position:all=90mm",
-        "--tolerance",
-        "straightness:3,5=90mm",
-        "--tolerance",
-        "straightness:3,8=1mm",
+    asked = "--tolerance position:all=90mm --tolerance straightness:3,5=90mm --tolerance straightness:3,8=1mm"
+    found = json.loads(
+        ran(f"certify job.script --arm ur10e --calibration data_sheet --json {asked}", cwd=tmp_path).stdout
     )
-    done = ran("certify", "job.script", "--arm", "ur10e", "--calibration", "data_sheet", "--json", *words, cwd=tmp_path)
-    found = json.loads(done.stdout)
     names = [feature["name"] for feature in found["features"]]
     assert len(names) == 5
     assert sum(feature["probability"] is None for feature in found["features"]) == len(found["not_understood"]) == 1

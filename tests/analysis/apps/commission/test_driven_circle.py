@@ -1,7 +1,6 @@
 """Circles fitted to motions that an independent program has drawn, and motions that are refused."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,26 +9,23 @@ import yaml
 from analysis.apps.commission.driven_circle import DrivenCircle, driven_circle
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of, circle_program, stops
-from analysis.robot.kinematics.arm import Array, arm_of
+from analysis.robot.kinematics.arm import Arm, Array, arm_of
 from analysis.robot.kinematics.follow import follow
 from analysis.runs.loading import RobotMotion
 from rigs.errors import FileError
 from rigs.load import load, parse
-from rigs.rig import Rig
 from tests.support.archives import Archive
+from tests.support.changed_rigs import with_circle, with_robot, with_tests
+from tests.support.every import both_ways
 
 HZ = 50.0
 NOISE_RAD = np.radians(0.0005)
 
 
-@cache
-def ur10e() -> Rig:
-    return load("ur10e")[0]
-
-
-def blank() -> Rig:
-    rig = ur10e()
-    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": None})})
+RIG = load("ur10e")[0]
+BLANK = with_tests(RIG, circle=None)
+ARM, CIRCLE = arm_of(RIG.robot), circle_of(RIG)
+FRAME = frame_of(CIRCLE)
 
 
 def sampled(t_s: Array, q: Array, seed: int = 0) -> RobotMotion:
@@ -39,19 +35,19 @@ def sampled(t_s: Array, q: Array, seed: int = 0) -> RobotMotion:
 
 
 def program(direction: str = "acw", laps: int = 1) -> RobotMotion:
-    rig = ur10e()
-    circle = circle_of(rig).model_copy(update={"laps": laps})
-    rig = rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
-    driven = circle_program(rig, direction)  # type: ignore[arg-type]
-    return replace(sampled(driven.t_s, driven.q), direction=direction)  # type: ignore[arg-type]
+    driven = circle_program(with_circle(RIG, laps=laps), direction)
+    return replace(sampled(driven.t_s, driven.q), direction=direction)
 
 
-def around(degrees: Array, radius_mm: float | None = None, shift_mm: float = 0.0) -> Array:
+def followed(poses: Array, arm: Arm = ARM) -> Array:
+    """Joint angles (n, 6) rad at poses, from the posture of the shipped circle on."""
+    return follow(arm, poses, np.radians(CIRCLE.posture_deg), "test")
+
+
+def around(degrees: Array, radius_mm: float = FRAME.radius, shift_mm: float = 0.0) -> Array:
     """Joint angles (n, 6) of the shipped circle at circle angles, or of one beside it."""
-    circle = circle_of(ur10e())
-    frame = frame_of(circle)
-    frame = replace(frame, radius=radius_mm or frame.radius, centre=frame.centre + shift_mm * frame.u)
-    return follow(arm_of(ur10e().robot), frame.poses(np.radians(degrees)), np.radians(circle.posture_deg), "test")
+    frame = replace(FRAME, radius=radius_mm, centre=FRAME.centre + shift_mm * FRAME.u)
+    return followed(frame.poses(np.radians(degrees)))
 
 
 def driven_along(q: Array, seconds: float = 10.0) -> RobotMotion:
@@ -68,29 +64,30 @@ def joined(*motions: RobotMotion) -> RobotMotion:
     return RobotMotion("run", t_s, q)
 
 
-def off(found: DrivenCircle) -> tuple[float, float, float]:
-    """Distance of the centre in mm, angle of the normal in degrees, radius in mm, from the shipped circle."""
-    frame = frame_of(circle_of(ur10e()))
-    angle = np.degrees(np.arcsin(min(1.0, np.linalg.norm(np.cross(found.circle.n, frame.n)))))
-    return float(np.linalg.norm(found.circle.centre - frame.centre)), float(angle), found.circle.radius - frame.radius
+def centre_off_mm(found: DrivenCircle) -> float:
+    return float(np.linalg.norm(found.circle.centre - FRAME.centre))
 
 
-@pytest.mark.parametrize("direction", ["acw", "cw"])
+def off(found: DrivenCircle) -> float:
+    """The largest deviation from the shipped circle: of the centre or radius in mm, or of the normal in degrees."""
+    angle = np.degrees(np.arcsin(min(1.0, np.linalg.norm(np.cross(found.circle.n, FRAME.n)))))
+    return max(centre_off_mm(found), float(angle), abs(found.circle.radius - FRAME.radius))
+
+
+@both_ways
 @pytest.mark.parametrize("laps", [1, 2])
 def test_program_shows_the_circle_of_its_rig_file(direction, laps):
-    found = driven_circle([program(direction, laps)], blank())
-    frame = frame_of(circle_of(ur10e()))
-    centre, angle, radius = off(found)
-    assert centre < 0.02 and angle < 0.02 and abs(radius) < 0.02
-    assert found.circle.n @ frame.n > 0.99 and found.circle.u @ frame.u > np.cos(np.radians(2))
+    found = driven_circle([program(direction, laps)], BLANK)
+    assert off(found) < 0.02
+    assert found.circle.n @ FRAME.n > 0.99 and found.circle.u @ FRAME.u > np.cos(np.radians(2))
     np.testing.assert_allclose(found.posture, around(np.zeros(1))[0], atol=np.radians(3))
     assert 0 < found.u_centre_mm.max() < 0.02 and found.doubts == ()
 
 
 def test_start_of_the_rig_file_keeps_its_zero_direction():
-    found = driven_circle([program()], ur10e())
+    found = driven_circle([program()], RIG)
     assert found.keeps_zero and "zero" not in found.values()
-    assert "zero" in driven_circle([program()], blank()).values()
+    assert "zero" in driven_circle([program()], BLANK).values()
 
 
 def test_approach_stop_and_outliers_are_not_used():
@@ -103,18 +100,16 @@ def test_approach_stop_and_outliers_are_not_used():
     q = whole.q.copy()
     q[900] += np.radians(3.0)
     q[1300, 2] -= np.radians(0.4)
-    found = driven_circle([replace(whole, q=q)], blank())
-    centre, angle, radius = off(found)
-    assert centre < 0.03 and angle < 0.03 and abs(radius) < 0.03
+    found = driven_circle([replace(whole, q=q)], BLANK)
+    assert off(found) < 0.03
     assert len(found.doubts) == 1
 
 
 @pytest.mark.parametrize("count", [3, 5, 8])
 def test_stops_show_the_circle(count):
     q = around(np.arange(count) * 360 / count)
-    found = driven_circle([sampled(*stops(q, dwell_s=1.5))], blank())
-    centre, angle, radius = off(found)
-    assert centre < 0.05 and angle < 0.05 and abs(radius) < 0.05
+    found = driven_circle([sampled(*stops(q, dwell_s=1.5))], BLANK)
+    assert off(found) < 0.05
     assert f"{count} stops" in found.used
     assert any("add a point" in doubt for doubt in found.doubts) == (count == 3)
 
@@ -123,46 +118,40 @@ def test_circle_guided_by_hand_has_its_own_uncertainty():
     rng = np.random.default_rng(3)
     degrees = np.linspace(0, 350, 40)
     wobble = 1.2 * np.cumsum(rng.normal(size=(40, 3)), axis=0) / np.sqrt(40)
-    frame, arm = frame_of(circle_of(ur10e())), arm_of(ur10e().robot)
-    poses = frame.poses(np.radians(degrees))
+    poses = FRAME.poses(np.radians(degrees))
     poses[:, :3, 3] += wobble - wobble.mean(axis=0)
-    q = follow(arm, poses, np.radians(circle_of(ur10e()).posture_deg), "test")
-    found = driven_circle([sampled(np.linspace(0, 30, 40), q)], blank())
-    assert off(found)[0] < 4 * found.u_centre_mm.max() and 0.02 < found.u_centre_mm.max() < 2.5
+    found = driven_circle([sampled(np.linspace(0, 30, 40), followed(poses))], BLANK)
+    assert centre_off_mm(found) < 4 * found.u_centre_mm.max() and 0.02 < found.u_centre_mm.max() < 2.5
 
 
 def bent(scale_deg: float) -> RobotMotion:
     """A lap whose controller has zeros that the rig file does not know."""
-    circle, arm = circle_of(ur10e()), arm_of(ur10e().robot)
-    own = replace(arm, offset=arm.offset + np.radians(scale_deg) * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]))
-    poses = frame_of(circle).poses(np.radians(np.linspace(-10, 370, 900)))
-    q = follow(own, poses, np.radians(circle.posture_deg), "test")
-    return sampled(np.linspace(0, 18, 900), q)
+    own = replace(ARM, offset=ARM.offset + np.radians(scale_deg) * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]))
+    poses = FRAME.poses(np.radians(np.linspace(-10, 370, 900)))
+    return sampled(np.linspace(0, 18, 900), followed(poses, own))
 
 
 def test_complete_lap_of_a_controller_with_other_constants_is_found():
-    slightly, badly = (driven_circle([bent(scale)], blank()) for scale in (0.02, 0.5))
+    slightly, badly = (driven_circle([bent(scale)], BLANK) for scale in (0.02, 0.5))
     assert np.degrees([slightly.arc, badly.arc]) == pytest.approx(380, abs=5)
     assert slightly.doubts == () and badly.doubts
     assert badly.u_radius_mm > 10 * slightly.u_radius_mm
 
 
 def test_wrong_direction_label_is_reported_and_the_normal_follows_the_tool():
-    found = driven_circle([replace(program("acw"), direction="cw")], blank())
-    assert found.circle.n @ frame_of(circle_of(ur10e())).n > 0.99
+    found = driven_circle([replace(program("acw"), direction="cw")], BLANK)
+    assert found.circle.n @ FRAME.n > 0.99
     assert any("--direction acw" in doubt for doubt in found.doubts)
 
 
 def test_other_tool_orientation_is_reported():
-    rig = blank()
-    tool = rig.robot.tool.model_copy(update={"rpy_deg": (0.0, 90.0, 40.0)})
-    rig = rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})
-    assert any("40°" in doubt for doubt in driven_circle([program()], rig).doubts)
+    tool = RIG.robot.tool.model_copy(update={"rpy_deg": (0.0, 90.0, 40.0)})
+    assert any("40°" in doubt for doubt in driven_circle([program()], with_robot(BLANK, tool=tool)).doubts)
 
 
 def refused(*motions: RobotMotion) -> str:
     with pytest.raises(FileError) as raised:
-        driven_circle(motions, blank())
+        driven_circle(motions, BLANK)
     return raised.value.code
 
 
@@ -171,10 +160,9 @@ def _rows(*t_s: float) -> RobotMotion:
 
 
 def _on_line() -> RobotMotion:
-    arm, circle = arm_of(ur10e().robot), circle_of(ur10e())
-    poses = np.repeat(frame_of(circle).poses(np.zeros(1)), 4, axis=0)
+    poses = np.repeat(FRAME.poses(np.zeros(1)), 4, axis=0)
     poses[:, :3, 3] += np.linspace(0, 90, 4)[:, None] * np.array([0.0, 1.0, 0.0])
-    return sampled(*stops(follow(arm, poses, np.radians(circle.posture_deg), "test"), dwell_s=2.0))
+    return sampled(*stops(followed(poses), dwell_s=2.0))
 
 
 def _short(arc_deg: float) -> RobotMotion:
@@ -195,7 +183,7 @@ def _jumping() -> RobotMotion:
 
 def _wandering() -> RobotMotion:
     q = np.cumsum(np.random.default_rng(2).normal(0, 0.02, (12, 6)), axis=0)
-    return sampled(np.linspace(0, 12, 12), np.radians(circle_of(ur10e()).posture_deg) + q)
+    return sampled(np.linspace(0, 12, 12), np.radians(CIRCLE.posture_deg) + q)
 
 
 @pytest.mark.parametrize(
@@ -234,8 +222,8 @@ def at_home() -> Array:
 @pytest.mark.parametrize("count", [4, 6])
 def test_home_position_before_and_after_is_not_used(count):
     q = around(np.arange(count) * 360 / count)
-    found = driven_circle([sampled(*stops(np.concatenate([at_home(), q, at_home()]), dwell_s=1.5))], blank())
-    assert off(found)[0] < 0.05 and f"{count} stops" in found.used
+    found = driven_circle([sampled(*stops(np.concatenate([at_home(), q, at_home()]), dwell_s=1.5))], BLANK)
+    assert off(found) < 0.05 and f"{count} stops" in found.used
     assert any("2 stops" in doubt for doubt in found.doubts)
 
 

@@ -18,7 +18,7 @@ HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}
 
 
 def options(*ports: str) -> Options:
-    nothing: dict[str, dict[str, object]] = {"g1": {}, "g2": {}, "feedback": {}}
+    nothing = {"g1": {}, "g2": {}, "feedback": {}}
     return Options(Path("cell.yaml"), "cell", "gauges", None, ports, (), nothing, {}, None, 70.0, 0.3, (1,))
 
 

@@ -1,24 +1,21 @@
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from analysis import load_run
 from analysis.apps.commission import guided_touches
 from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches, mark_of, references_of
 from analysis.apps.commission.touched_ball import REST_S
 from analysis.apps.session.run_session import offer_lines
-from analysis.cli import app
 from analysis.movement.inference import FEWEST_OF_REFERENCE
 from daq.store import mark_moved
 from daq.store.marks import load_marks
-from rigs.errors import FileError, UseError
+from tests.support.command_line import errors_of, json_of, succeeded
 from tests.support.moved_cell import Case, moved_cell, touch_near, write_touches
 from tests.support.refusals import refused
 from tests.support.simulated_laps import lap_run
@@ -33,7 +30,7 @@ class Person:
         self._case, self.said = case, list[str]()
         self._at = np.degrees(case.before[0]) + 5.0
         self._sent, self._first = 0, first
-        self.rests_first: np.ndarray | None = None
+        self.rests_first = None
 
     def say(self, line: str) -> None:
         self.said.append(line)
@@ -111,19 +108,18 @@ def test_the_command_follows_the_daemon_and_history_marks_the_day(tmp_path, monk
     monkeypatch.setattr("daq.service.client.Client", _Client)
     monkeypatch.setattr(guided_touches, "follow_touches", lambda _, check, say: follow(person, check, person.say))
     runs = tmp_path / "runs"
-    words = ["moved", str(runs / "before"), "--live", "--save", str(runs / "after")]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0 and done.stdout.startswith("The tool "), done.output
+    words = ["moved", runs / "before", "--live", "--save", runs / "after"]
+    done = succeeded(*words)
+    assert done.stdout.startswith("The tool ")
     marked = load_marks(runs / "after").moved
-    assert marked is not None and (marked.what, marked.reference) == ("tool", ("before",))
-    assert isinstance(CliRunner().invoke(app, words).exception, FileError)  # an existing run is not overwritten
+    assert (marked.what, marked.reference) == ("tool", ("before",))
+    errors_of(*words)  # an existing run is not overwritten
     page = tmp_path / "history.html"
-    told = CliRunner().invoke(app, ["history", "moved", "--runs", str(runs), "-o", str(page), "--json"])
-    (movement,) = json.loads(told.stdout)["movements"]
+    (movement,) = json_of(f"history moved --runs {runs} -o {page}")["movements"]
     assert (movement["run"], movement["what"], movement["reference"]) == ("after", "tool", ["before"])
-    assert "The tool" in page.read_text(encoding="utf-8")
+    assert "The tool" in page.read_text()
     for wrong in (["--live", "--plan"], ["--save", "x"]):
-        assert isinstance(CliRunner().invoke(app, ["moved", str(runs), *wrong]).exception, UseError)
+        errors_of("moved", runs, *wrong, exit_code=2)
 
 
 class _Client:
@@ -140,15 +136,15 @@ class _Client:
 def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path):
     case = moved_cell(tmp_path, "base", seed=2)
     write_touches(tmp_path, "after", *case.touch_again(6))
-    words = ["moved", str(tmp_path / "runs" / "before"), "--new", str(tmp_path / "runs" / "after")]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    words = ["moved", tmp_path / "runs" / "before", "--new", tmp_path / "runs" / "after"]
+    succeeded(*words)
     assert load_marks(tmp_path / "runs" / "after").moved is None
-    assert CliRunner().invoke(app, [*words, "--mark"]).exit_code == 0
+    succeeded(*words, "--mark")
     marked = load_marks(tmp_path / "runs" / "after").moved
     assert marked.what == "base"
     assert marked.answer.startswith("The base ")
-    table = [*words[:-1], str(tmp_path / "after.csv"), "--rig", str(tmp_path / "cell.yaml"), "--mark"]
-    assert isinstance(CliRunner().invoke(app, table).exception, UseError)
+    table = [*words[:-1], tmp_path / "after.csv", "--rig", tmp_path / "cell.yaml", "--mark"]
+    errors_of(*table, exit_code=2)
 
 
 def test_references_are_enough_touches_or_circles_of_both_directions_and_no_check(tmp_path):

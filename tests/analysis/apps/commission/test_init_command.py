@@ -1,46 +1,42 @@
 import contextlib
-import json
+import shlex
 import signal
 from pathlib import Path
-from subprocess import CompletedProcess
 
 import pytest
 from typer.testing import CliRunner
 
 from analysis.cli import app
 from rigs.arms import load_arm
-from rigs.errors import RigError
 from rigs.load import load
 from rigs.schema.limits import Limit, shared_limit
 from tests.support.bench import BIN
-from tests.support.command_line import ran
+from tests.support.command_line import json_of, succeeded
 from tests.support.live_terminal import Terminal
 from tests.support.person import Person
 from tests.support.unknown_cells import UnknownCell, switched_on
 
-QUICK = ["--listen-s", "0.3"]
-LIMITED = ["--tolerance-mm", "0.4"]
+QUICK = "--listen-s 0.3"
 
 
-def command(*arguments: str | Path) -> list[str | Path]:
-    return [BIN / "rig", "init", *arguments]
+def command(words: str) -> list[str | Path]:
+    return [BIN / "rig", *shlex.split(f"init {words}")]
 
 
-def at_ports(unknown: UnknownCell) -> list[str]:
+def at_ports(unknown: UnknownCell) -> str:
     """Ptys are not among the ports that a computer lists."""
-    return [*(word for port in unknown.gauge_ports for word in ("--port", port)), *unknown.robot_is_named, *QUICK]
+    return " ".join([*(f"--port {port}" for port in unknown.gauge_ports), *unknown.robot_is_named, QUICK])
 
 
-def init(folder: Path, *arguments: str | Path) -> CompletedProcess[str]:
-    """Run it without a terminal."""
-    return ran("init", *arguments, cwd=folder)
+def init(folder: Path, words: str) -> str:
+    """Run it without a terminal, and return what it prints."""
+    return succeeded(f"init {words}", cwd=folder).stdout
 
 
-def refused(folder: Path, *arguments: str | Path) -> str:
-    """Run it without a terminal, and return the code of its failure."""
+def refused(folder: Path, words: str) -> str:
+    """Run it without a terminal, and return the code of its failure; --json lists the devices here."""
     with contextlib.chdir(folder):
-        error = CliRunner().invoke(app, ["init", *map(str, arguments)]).exception
-    assert isinstance(error, RigError), error
+        error = CliRunner().invoke(app, ["init", *shlex.split(words)]).exception
     return error.code
 
 
@@ -48,7 +44,7 @@ def refused(folder: Path, *arguments: str | Path) -> str:
 def test_cell_is_identified_and_its_rig_file_checked(tmp_path, gauges, robot):
     with switched_on(gauges, robot) as unknown:
         path = tmp_path / "cell.yaml"
-        with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+        with Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal:
             person = Person(terminal)
             person.answers("Robot: ", unknown.robot)
             person.asked("Push gauge 1")
@@ -81,28 +77,26 @@ def test_cell_is_identified_and_its_rig_file_checked(tmp_path, gauges, robot):
     [("tracker", "ur5e"), ("tracker", "so-101"), ("tracker", "kuka-lbr-iiwa-14"), ("arm", "ur10e"), ("arm", "so-101")],
 )
 def test_robot_is_refused_if_the_table_contains_the_joints(measured_by, arm, tmp_path):
-    words = ("--measured-by", measured_by, "--arm", arm, "--tool", "0,0,90")
-    assert init(tmp_path, *words, "--robot", "192.168.1.20").returncode == 2
-    done = init(tmp_path, *words, "--robot", "none")
-    assert done.returncode == 0, done.stderr
-    assert "ready for: " in done.stdout and "not possible" not in done.stdout
+    words = f"--measured-by {measured_by} --arm {arm} --tool 0,0,90"
+    assert refused(tmp_path, f"{words} --robot 192.168.1.20") == "init.option_unused"
+    printed = init(tmp_path, f"{words} --robot none")
+    assert "ready for: " in printed and "not possible" not in printed
 
 
 @pytest.mark.parametrize(
-    ("measured_by", "arm", "more", "then"),
+    ("measured_by", "arm", "ball_mm", "more", "then"),
     [
-        ("sockets", "so-101", ("--tool", "30,0,90"), "q1_deg … q5_deg"),
-        ("sockets", "ur10e", ("--tool", "0,0,120", "--robot", "none"), "touches.csv"),
-        ("tracker", "widowx-250", ("--tool", "0,0,90", "--tolerance-mm", "0.2"), "poses.csv"),
+        ("sockets", "so-101", "30,0,90", "", "q1_deg … q5_deg"),
+        ("sockets", "ur10e", "0,0,120", "--robot none", "touches.csv"),
+        ("tracker", "widowx-250", "0,0,90", "--tolerance-mm 0.2", "poses.csv"),
     ],
 )
-def test_tracker_and_sockets_need_no_gauges_and_any_arm(tmp_path, measured_by, arm, more, then):
-    done = init(tmp_path, "--measured-by", measured_by, "--arm", arm, *more)
-    assert done.returncode == 0 and then in done.stdout, done.stderr
+def test_tracker_and_sockets_need_no_gauges_and_any_arm(tmp_path, measured_by, arm, ball_mm, more, then):
+    assert then in init(tmp_path, f"--measured-by {measured_by} --arm {arm} --tool {ball_mm} {more}")
     rig, text = load(tmp_path / "cell.yaml")
     assert not rig.gauges.recorded and rig.robot.axes == load_arm(arm).robot.axes
     if measured_by == "sockets":
-        assert rig.tests.touch.ball_mm == tuple(map(float, more[1].split(",")))
+        assert rig.tests.touch.ball_mm == tuple(map(float, ball_mm.split(",")))
     else:
         assert rig.robot.tool.xyz_mm == (0, 0, 90) and rig.limits.pose.rms_mm == shared_limit(0.2)
     assert ("touch:" in text) == (measured_by == "sockets")
@@ -110,44 +104,39 @@ def test_tracker_and_sockets_need_no_gauges_and_any_arm(tmp_path, measured_by, a
 
 def test_robot_that_guides_touches_is_found(tmp_path):
     with switched_on("sylvac", "ur") as unknown:
-        words = ("--measured-by", "sockets", "--arm", "ur10e", "--tool", "0,0,90", "--robot", unknown.robot)
-        done = init(tmp_path, *words, *unknown.robot_is_named)
-    assert done.returncode == 0 and "record touch" in done.stdout, done.stderr
+        words = f"--measured-by sockets --arm ur10e --tool 0,0,90 --robot {unknown.robot}"
+        assert "record touch" in init(tmp_path, " ".join([words, *unknown.robot_is_named]))
     rig, _ = load(tmp_path / "cell.yaml")
     assert rig.feedback.interface == "ur_rtde" and not rig.gauges.recorded
 
 
 def test_arm_of_five_axes_has_neither_gauges_nor_a_robot(tmp_path):
-    assert refused(tmp_path, "--arm", "so-101") == "arm.axes"
-    words = ("--measured-by", "sockets", "--arm", "so-101", "--robot", "192.168.1.20")
-    assert refused(tmp_path, *words) == "init.option_unused"
+    assert refused(tmp_path, "--arm so-101") == "arm.axes"
+    assert refused(tmp_path, "--measured-by sockets --arm so-101 --robot 192.168.1.20") == "init.option_unused"
 
 
 def test_options_answer_every_question_without_a_terminal(tmp_path):
     with switched_on("sylvac", "fanuc") as unknown:
         first, second = unknown.gauge_ports
-        given = ["--robot", unknown.robot, "--g1", second, "--g2", first, "--baseline-mm", "40", "--arm", "ur10e"]
-        given += ["--key", "g1.counts=towards"]
-        done = init(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *LIMITED, *QUICK)
-    assert done.returncode == 0, done.stderr
+        given = f"--robot {unknown.robot} --g1 {second} --g2 {first} --baseline-mm 40 --arm ur10e --tool 0,0,150,0,90,0"
+        more = f"--key g1.counts=towards --circle-later --tolerance-mm 0.4 {QUICK}"
+        printed = init(tmp_path, f"'My Cell.yaml' {given} {more}")
     rig, _ = load(tmp_path / "My Cell.yaml")
     assert rig.name == "my-cell" and [(gauge.port, gauge.offset_mm) for _, gauge in rig.gauges] == [
         (second, 20),
         (first, -20),
     ]
     assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
-    assert f"g1 is {second} (sylvac_opto_rs)" in done.stdout
-    assert f"g2 is {first} (sylvac_opto_rs)" in done.stdout and "--key g2.counts=towards" in done.stdout
-    assert "rigd 'My Cell.yaml'" in done.stdout and "circle fit --live" in done.stdout
+    said = f"g1 is {second} (sylvac_opto_rs)", f"g2 is {first} (sylvac_opto_rs)", "--key g2.counts=towards"
+    assert all(words in printed for words in (*said, "rigd 'My Cell.yaml'", "circle fit --live"))
 
 
 def test_named_sensor_gets_its_keys(tmp_path):
     with switched_on("micro_epsilon", "ur", streaming=False) as unknown:
         first, _ = unknown.gauge_ports
-        keys = ["--key", "g1.interface=micro_epsilon_ild1420", "--key", "g1.range_mm=10", *unknown.robot_is_named]
-        given = ["--robot", unknown.robot, "--g1", first, *keys, "--key", "feedback.rate_hz=125"]
-        done = init(tmp_path, "cell.yaml", *given, "--arm", "ur10e", "--tool", "0,0,150")
-    assert done.returncode == 0, done.stderr
+        keys = "--key g1.interface=micro_epsilon_ild1420 --key g1.range_mm=10 --key feedback.rate_hz=125"
+        given = " ".join([keys, *unknown.robot_is_named])
+        init(tmp_path, f"cell.yaml --robot {unknown.robot} --g1 {first} {given} --arm ur10e --tool 0,0,150")
     rig, _ = load(tmp_path / "cell.yaml")
     assert rig.gauges.g1.interface == "micro_epsilon_ild1420" and rig.gauges.g1.range_mm == 10
     assert rig.feedback.interface == "ur_rtde" and rig.feedback.rate_hz == 125
@@ -155,30 +144,29 @@ def test_named_sensor_gets_its_keys(tmp_path):
 
 def test_json_lists_the_devices_and_writes_nothing(tmp_path):
     with switched_on("keyence", "ur") as unknown:
-        done = init(tmp_path, "--json", "--robot", unknown.robot, *at_ports(unknown), "--port", str(tmp_path / "none"))
-    found = json.loads(done.stdout)
-    assert done.returncode == 0 and not list(tmp_path.iterdir())
+        words = f"--robot {unknown.robot} {at_ports(unknown)} --port {tmp_path}/none"
+        found = json_of(f"init {words}", cwd=tmp_path)
+    assert not list(tmp_path.iterdir())
     assert [gauge["gauge"]["channel"] for gauge in found["ports"][0]["gauges"] if gauge["gauge"].get("channel")] == [2]
     assert found["ports"][1]["problem"]
     assert found["robots"][0]["joints_deg"] == pytest.approx([0, 10, 20, 30, 40, 50])
 
 
 def test_json_without_a_robot_searches_for_none(tmp_path):
-    done = init(tmp_path, "--json", "--robot", "none", *QUICK)
-    assert done.returncode == 0 and json.loads(done.stdout)["robots"] == [], done.stderr
+    assert json_of(f"init --robot none {QUICK}", cwd=tmp_path)["robots"] == []
 
 
 def test_same_command_continues_with_its_keys(tmp_path):
     with switched_on("keyence", "ur") as unknown:
-        given: list[str | Path] = [tmp_path / "cell.yaml", *at_ports(unknown), "--key", "g1.accuracy_mm=0.002"]
-        with Terminal(command(*given), 80, 60, {}) as terminal:
+        given = command(f"{tmp_path}/cell.yaml {at_ports(unknown)} --key g1.accuracy_mm=0.002")
+        with Terminal(given, 80, 60, {}) as terminal:
             person = Person(terminal)
             person.answers("Robot: its", unknown.robot)
             person.answers("Push gauge 1", "1")
             person.asked("Distance between")
             terminal.type("\x04")
             assert terminal.ended() == 130
-        with Terminal(command(*given), 80, 60, {}) as terminal:
+        with Terminal(given, 80, 60, {}) as terminal:
             Person(terminal).asked("Distance between")
             assert "Push gauge" not in terminal.text() and "Robot:" not in terminal.text()
 
@@ -200,7 +188,7 @@ def test_interrupted_questionnaire_continues(tmp_path, question):
     with switched_on("keyence", "ur") as unknown:
         answers["Robot: its"] = unknown.robot
         path = tmp_path / "cell.yaml"
-        with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+        with Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal:
             person = Person(terminal)
             for asked in QUESTIONS[: QUESTIONS.index(question)]:
                 person.answers(asked, answers[asked])
@@ -211,7 +199,7 @@ def test_interrupted_questionnaire_continues(tmp_path, question):
                 terminal.process.send_signal(signal.SIGINT)  # what Ctrl-C does
             assert terminal.ended() == 130
             assert not path.exists()
-        with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+        with Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal:
             person = Person(terminal)
             begin = QUESTIONS.index(question)
             for asked in QUESTIONS[begin:]:
@@ -224,7 +212,10 @@ def test_interrupted_questionnaire_continues(tmp_path, question):
 
 def test_wrong_answers_are_asked_again(tmp_path):
     path = tmp_path / "cell.yaml"
-    with switched_on("keyence", "ur") as unknown, Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+    with (
+        switched_on("keyence", "ur") as unknown,
+        Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal,
+    ):
         person = Person(terminal)
         person.answers("Robot: its", "none")
         person.answers("cannot be none", "tcp://127.0.0.1:1")
@@ -251,24 +242,24 @@ def test_wrong_answers_are_asked_again(tmp_path):
 @pytest.mark.parametrize(
     ("given", "code"),
     [
-        ([], "answer.no_terminal"),
-        (["--robot", "tcp://127.0.0.1:1"], "robot.not_found"),
-        (["--g2", "/dev/none"], "init.gauge_unnamed"),
-        (["--key", "nonsense"], "init.key"),
-        (["--key", "g3.units=mm"], "init.key"),
-        (["--key", "g1.units=[", "--robot", "x"], "rig_file.value"),
-        (["--baseline-mm", "5", "--robot", "x"], "gauge.baseline"),
-        (["--name", "My Cell", "--robot", "x"], "init.value"),
-        (["--key", "g1.interface=tesa_tt", "--robot", "x"], "init.gauge_unnamed"),
-        (["--robot", "none"], "init.option_unused"),
-        (["--measured-by", "tracker", "--port", "/dev/none"], "init.option_unused"),
-        (["--measured-by", "sockets", "--key", "g1.range_mm=9"], "init.option_unused"),
-        (["--measured-by", "tracker", "--radius-mm", "300"], "init.option_unused"),
-        (["--measured-by", "sockets", "--arm", "ur5", "--tool", "0,0,0.09"], "answer.metres"),
+        ("", "answer.no_terminal"),
+        ("--robot tcp://127.0.0.1:1", "robot.not_found"),
+        ("--g2 /dev/none", "init.gauge_unnamed"),
+        ("--key nonsense", "init.key"),
+        ("--key g3.units=mm", "init.key"),
+        ("--key g1.units=[ --robot x", "rig_file.value"),
+        ("--baseline-mm 5 --robot x", "gauge.baseline"),
+        ("--name 'My Cell' --robot x", "init.value"),
+        ("--key g1.interface=tesa_tt --robot x", "init.gauge_unnamed"),
+        ("--robot none", "init.option_unused"),
+        ("--measured-by tracker --port /dev/none", "init.option_unused"),
+        ("--measured-by sockets --key g1.range_mm=9", "init.option_unused"),
+        ("--measured-by tracker --radius-mm 300", "init.option_unused"),
+        ("--measured-by sockets --arm ur5 --tool 0,0,0.09", "answer.metres"),
     ],
 )
 def test_wrong_option_is_refused_and_nothing_is_written(tmp_path, given, code):
-    assert refused(tmp_path, "cell.yaml", *given) == code
+    assert refused(tmp_path, f"cell.yaml {given}") == code
     assert not list(tmp_path.iterdir())
 
 
@@ -284,8 +275,8 @@ def test_file_created_meanwhile_is_left_alone(tmp_path):
     path = tmp_path / "cell.yaml"
     with switched_on("tesa", "ur") as unknown:
         (port,) = unknown.gauge_ports
-        given = ["--robot", unknown.robot, *unknown.robot_is_named, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
-        with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
+        given = " ".join([f"--robot {unknown.robot}", *unknown.robot_is_named, f"--g1 {port} --arm ur10e"])
+        with Terminal(command(f"{path} {given} --tool 0,0,150 {QUICK}"), 80, 60, {}) as terminal:
             person = Person(terminal)
             person.answers("Allowed error", "0")
             person.asked("Is the robot")
@@ -297,18 +288,18 @@ def test_file_created_meanwhile_is_left_alone(tmp_path):
 
 def test_two_gauges_need_names_without_a_terminal(tmp_path):
     with switched_on("keyence", "ur") as unknown:
-        given = ["cell.yaml", "--robot", unknown.robot]
-        assert refused(tmp_path, *given, "--arm", "ur10e", *at_ports(unknown)) == "gauge.ambiguous"
+        given = " ".join(["cell.yaml --robot", unknown.robot, *unknown.robot_is_named, QUICK])
         (port,) = unknown.gauge_ports
-        assert refused(tmp_path, *given, "--g1", port, *unknown.robot_is_named, *QUICK) == "gauge.ambiguous"
+        for more in (f"--arm ur10e --port {port}", f"--g1 {port}"):
+            assert refused(tmp_path, f"{given} {more}") == "gauge.ambiguous"
 
 
 def test_arm_file_without_a_build_is_asked_for_it(tmp_path):
     """Plays of half a degree are usual of hobby servos, and four faults of an industrial arm."""
     section = load_arm("so-101").text.replace("  build: servo\n", "")
-    (tmp_path / "arm.yaml").write_text(f"robot:\n{section.partition('robot:')[2]}", encoding="utf-8")
-    words = ("--measured-by", "sockets", "--arm", "arm.yaml")
-    done = init(tmp_path, *words, "--tool", "30,0,90", "--build", "servo")
-    assert done.returncode == 0 and load(tmp_path / "cell.yaml")[0].robot.build == "servo", done.stderr
-    done = init(tmp_path, "second.yaml", *words, "--tool", "30,0,90")
-    assert load(tmp_path / "second.yaml")[0].robot.build == "light" and "--build" in done.stdout
+    (tmp_path / "arm.yaml").write_text(f"robot:\n{section.partition('robot:')[2]}")
+    words = "--measured-by sockets --arm arm.yaml --tool 30,0,90"
+    init(tmp_path, f"{words} --build servo")
+    assert load(tmp_path / "cell.yaml")[0].robot.build == "servo"
+    assert "--build" in init(tmp_path, f"second.yaml {words}")
+    assert load(tmp_path / "second.yaml")[0].robot.build == "light"

@@ -60,7 +60,11 @@ def test_the_touches_of_a_person_are_a_run(tmp_path, proposals):
         "left",
         "ada",
     )
-    np.testing.assert_allclose(found.table.q, served.planned.q, atol=1e-9)
+    planned = served.planned
+    np.testing.assert_allclose(found.table.q, planned.q, atol=1e-9)
+    assert found.table.socket.tolist() == planned.socket.tolist()
+    sides = np.sign(found.table.q - found.table.came_from)  # the direction of each joint
+    np.testing.assert_array_equal(sides, np.sign(planned.q - planned.came_from))
     assert result_of(found).figures["rms_mm"].value < 1e-4
 
 

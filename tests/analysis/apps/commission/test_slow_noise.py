@@ -27,14 +27,6 @@ def test_errors_are_as_large_as_stated(tau):
     assert within > 0.85 and np.sqrt(np.mean(np.square(off))) > 0.5
 
 
-def test_slow_noise_makes_a_coefficient_less_certain_than_white():
-    rng = np.random.default_rng(5)
-    noise = [wander(rng, tau) for tau in (0.0, 1.5)]
-    readings = np.stack([DESIGN @ TRUTH + 0.01 * one for one in noise], axis=1)
-    (_, white), (_, slow) = regress(DESIGN, readings, T_S, np.ones(60))
-    assert slow[0, 0] > 3 * white[0, 0]
-
-
 def test_exact_readings_give_the_coefficients():
     ((value, covariance),) = regress(DESIGN, (DESIGN @ TRUTH)[:, None], T_S, np.ones(60))
     np.testing.assert_allclose(value, TRUTH, atol=1e-9)

@@ -9,6 +9,7 @@ from analysis.apps.commission.touched_ball import touched_ball
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.load import load
+from tests.support.changed_rigs import with_tests
 from tests.support.stood_about import CENTRE, recorded_stands
 
 
@@ -38,7 +39,7 @@ def test_recorded_run_shows_the_ball_with_and_without_a_gauge(gauge, tmp_path):
 
 def test_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path):
     run, rig = recorded_stands(tmp_path, gauge=True)
-    bare = rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": None, "repeatability": None})})
+    bare = with_tests(rig, hemisphere=None, repeatability=None)
     assert set(touched_ball([run], bare).values) == {"centre_mm", "radius_mm", "posture_deg"}
 
 
@@ -64,7 +65,7 @@ def rows_of(run: Run, rows: list[int]) -> Run:
 
 def test_stops_that_determine_no_ball_are_refused():
     run = of_simulation(None).run
-    assert run.table is not None and refused(rows_of(run, [0, 10, 20])) == "ball.few_places"
+    assert refused(rows_of(run, [0, 10, 20])) == "ball.few_places"
     ring = np.flatnonzero(np.isclose(run.table["polar_deg"].to_numpy(), 90.0))
     assert refused(rows_of(run, ring[::3].tolist())) in ("ball.plane", "ball.uncertain")
     assert refused(simulate("ur10e", "yaw", "acw", seed=None).run) == "ball.table"

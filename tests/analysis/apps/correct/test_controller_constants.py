@@ -1,6 +1,5 @@
 """Corrections for controllers with constants of their own: known from the beginning, added later, or unknown."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -13,13 +12,13 @@ from analysis.robot.kinematics.arm import Array, controller_arm, forward
 from rigs.arms import rig_text_of
 from rigs.edit import extended
 from rigs.schema.robot import Pose
-from tests.support.command_line import ran
+from tests.support.command_line import ran, succeeded
+from tests.support.written_files import JOINTS, PLACES, TURNS, numbers_in, write_columns
 from tests.worlds.languages.arms import Cell, cell, chain, choose_controller, solved
 from tests.worlds.languages.own_constants import write_ur_calibration
 
 POSTURES = np.radians([[20, -80, 100, -40, 80, 20], [25, -75, 90, -50, 75, 10], [10, -90, 105, -35, 85, 30]])
-JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
-POSES = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+POSES = (*PLACES, *TURNS)
 
 
 @pytest.fixture
@@ -33,19 +32,8 @@ def here(request):
 def _file(here: Cell, folder: Path) -> Path:
     """Write the rig file of a library arm, whose controller is not stated, with the effects of a cell."""
     path = folder / "cell.yaml"
-    path.write_text(extended(rig_text_of("ur10e"), list(here.rig.effects), "cell"), encoding="utf-8")
+    path.write_text(extended(rig_text_of("ur10e"), list(here.rig.effects), "cell"))
     return path
-
-
-def _table(folder: Path, names: tuple[str, ...], rows: Array) -> Path:
-    path = folder / "path.csv"
-    np.savetxt(path, rows, delimiter=",", comments="", header=",".join(names), fmt="%.9f")
-    return path
-
-
-def _written(path: Path, names: tuple[str, ...]) -> Array:
-    with path.open(encoding="utf-8") as file:
-        return np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
 
 
 def _off_mm(here: Cell, q: Array, wanted: Array) -> Array:
@@ -56,15 +44,15 @@ def _off_mm(here: Cell, q: Array, wanted: Array) -> Array:
 def test_poses_are_corrected_only_with_the_constants_of_the_controller(here, tmp_path):
     rig_file, wanted = _file(here, tmp_path), np.array([chain(here, q)[0] for q in POSTURES])
     turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
-    table = _table(tmp_path, POSES, np.hstack([wanted[:, :3, 3], turns]))
-    refused = ran("correct", rig_file, "--path", table, "-o", tmp_path / "refused", "--anyway")
+    table = write_columns(tmp_path / "path.csv", POSES, wanted[:, :3, 3], turns)
+    refused = ran(f"correct {rig_file} --path {table} -o {tmp_path}/refused --anyway")
     assert (refused.returncode, len(refused.stderr.strip().splitlines())) == (3, 1)
     assert not (tmp_path / "refused").exists()
     constants = tmp_path / "my_robot_calibration.yaml"
     write_ur_calibration(constants)
-    assert ran("correct", rig_file, "--path", table, "--calibration", constants, "-o", tmp_path / "out").returncode == 0
+    succeeded(f"correct {rig_file} --path {table} --calibration {constants} -o {tmp_path}/out")
     q = []
-    for row, near in zip(_written(tmp_path / "out" / "corrected-path.csv", POSES), POSTURES, strict=True):
+    for row, near in zip(numbers_in(tmp_path / "out" / "corrected-path.csv", *POSES), POSTURES, strict=True):
         sent = np.eye(4)
         sent[:3, :3], sent[:3, 3] = Rotation.from_euler("xyz", row[3:], degrees=True).as_matrix(), row[:3]
         q.append(solved(here, sent, near))
@@ -74,12 +62,12 @@ def test_poses_are_corrected_only_with_the_constants_of_the_controller(here, tmp
 
 @pytest.mark.parametrize("here", ["unknown"], indirect=True)
 def test_joint_targets_are_corrected_without_the_constants_and_get_no_poses(here, tmp_path):
-    table = _table(tmp_path, JOINTS, np.degrees(POSTURES))
-    assert ran("correct", _file(here, tmp_path), "--path", table, "-o", tmp_path / "out").returncode == 0
+    table = write_columns(tmp_path / "path.csv", JOINTS, np.degrees(POSTURES))
+    succeeded("correct", _file(here, tmp_path), "--path", table, "-o", tmp_path / "out")
     corrected = tmp_path / "out" / "corrected-path.csv"
     wanted = np.array([chain(here.sheet, q)[0] for q in POSTURES])
-    assert _off_mm(here, np.radians(_written(corrected, JOINTS)), wanted).max() < 0.02
-    assert not {*POSES} & {*corrected.read_text(encoding="utf-8").splitlines()[0].split(",")}
+    assert _off_mm(here, np.radians(numbers_in(corrected, *JOINTS)), wanted).max() < 0.02
+    assert not {*POSES} & {*corrected.read_text().splitlines()[0].split(",")}
 
 
 @pytest.mark.parametrize("here", ["unknown"], indirect=True)
@@ -94,7 +82,7 @@ def test_no_values_are_computed_for_a_controller_with_unknown_constants(here, tm
 def test_values_are_differences_from_the_constants_in_the_controller(here):
     """The small errors of the real arm are to be entered, not the differences of the controller from the data sheet."""
     found = correct_rig(here.rig, None, "ur")
-    assert found.at_controller and found.at_controller.after_um < found.at_controller.before_um
+    assert found.at_controller.after_um < found.at_controller.before_um
     large = {(each.axis, each.key): each.delta for each in found.constants if abs(each.delta) > 1e-3}
     assert large == {(3, "a_mm"): pytest.approx(0.4, abs=1e-3)}
 

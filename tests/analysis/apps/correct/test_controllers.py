@@ -1,6 +1,5 @@
 """Values for a controller's parameters: entered at an independent model of it, the arm's error is gone."""
 
-import datetime as dt
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,26 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
-from numpy.typing import NDArray
-from typer.testing import CliRunner
 
 from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.makers import maker_by
-from analysis.cli import app
 from rigs.edit import extended
-from rigs.effects import Backlash, Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry
-from rigs.errors import UseError
+from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkGeometry
 from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
-from tests.support import command_line
-from tests.support.command_line import ran
+from tests.support.command_line import failure_of, ran, succeeded
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 from tests.support.stated_controller import load
-from tests.worlds.arms.independent_arm import Wrong as WrongArm
-from tests.worlds.arms.independent_arm import constants_of, flange
+from tests.support.written_files import JOINTS, contents, write_columns
+from tests.worlds.arms.faulty_arm import found
+from tests.worlds.arms.independent_arm import Array, constants_of, flange, none
 
-Array = NDArray[np.float64]
-MASTERED: tuple[MakerName, ...] = ("kuka", "fanuc", "abb", "yaskawa")
+MASTERED = ("kuka", "fanuc", "abb", "yaskawa")
 SCALE = np.array([4200.5, -3811.0, 4000.0, -2900.25, 3000.0, 1500.0])
 """Counts per degree of an arm that exists nowhere, two of its motors mounted the other way round."""
 GEAR = SCALE / 30
@@ -36,13 +29,9 @@ TARGETS_DEG = np.array([[0.0, 20, 10, 0, 60, 0], [10, 25, 40, 20, -70, 30], [-30
 """Away from the singularities of both arms."""
 
 
-def _found(**sd: float) -> EffectProvenance:
-    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
-
-
 ZEROS = [
-    JointOffset(axis=2, offset_deg=-0.08, found=_found(offset_deg=0.002)),
-    JointOffset(axis=4, offset_deg=0.05, found=_found(offset_deg=0.002)),
+    JointOffset(axis=2, offset_deg=-0.08, found=found(offset_deg=0.002)),
+    JointOffset(axis=4, offset_deg=0.05, found=found(offset_deg=0.002)),
 ]
 OFF_DEG = np.array([0, -0.08, 0, 0.05, 0, 0])
 
@@ -50,20 +39,17 @@ OFF_DEG = np.array([0, -0.08, 0, 0.05, 0, 0])
 def _cell(tmp_path: Path, rig: str, effects: Sequence[Effect]) -> Path:
     cell = tmp_path / "cell.yaml"
     text = load(rig)[1]
-    cell.write_text(extended(text, effects, "cell"), encoding="utf-8")
+    cell.write_text(extended(text, effects, "cell"))
     return cell
 
 
 def _printed(cell: Path, out: Path, *options: str) -> dict[str, Any]:
-    done = ran("correct", cell, "-o", out, *options)
-    assert done.returncode == 0, done.stderr
-    entries: dict[str, Any] = yaml.safe_load((out / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
-    return entries
+    succeeded("correct", cell, "-o", out, *options)
+    return contents(out / "corrections.yaml")["controller"]
 
 
 def _paper_arm(q: Array) -> tuple[Array, Array]:
-    none = WrongArm(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
-    R, p = flange(constants_of("paper-fanuc"), none, q[None])
+    R, p = flange(constants_of("paper-fanuc"), none(), q[None])
     return R[0], p[0]
 
 
@@ -117,9 +103,9 @@ def _ur10e(real: dict[str, Array]) -> UniversalRobots:
 
 
 def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets(tmp_path):
-    faults: list[Effect] = [
+    faults = [
         *ZEROS,
-        LinkGeometry(axis=5, field="d", delta=-0.4, found=_found(delta=0.02)),
+        LinkGeometry(axis=5, field="d", delta=-0.4, found=found(delta=0.02)),
     ]
     real = {"delta_theta": np.radians(OFF_DEG), "delta_d": np.array([0, 0, 0, 0, -0.4e-3, 0])}
     controller = _ur10e(real)
@@ -141,27 +127,24 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path, rig):
     """With zeros entered and a compliant joint, corrected joint angles reach the same place as the complete
     correction alone.
     """
-    soft = Compliance(axis=3, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    soft = Compliance(axis=3, deg_per_Nm=2e-4, found=found(deg_per_Nm=1e-5))
     cell = load(rig)[0].model_copy(update={"effects": (*ZEROS, soft)})
-    path = tmp_path / "path.csv"
-    rows = [",".join(map(str, q)) for q in TARGETS_DEG]
-    path.write_text("\n".join(["q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", *rows]) + "\n")
+    path = write_columns(tmp_path / "path.csv", JOINTS, TARGETS_DEG)
     name = maker_of(cell.feedback.interface) or "fanuc"
     alone, entered = (correct_rig(cell, path, name, entered=flag).path for flag in (False, True))
-    assert alone and entered
     more_deg = np.degrees(entered[2].q - alone[2].q)
-    found = correct_rig(cell, path, name).at_controller
-    assert found and len(found.entries) > 2, "zeros and lengths hold a part of the soft joint too"
+    values = correct_rig(cell, path, name).at_controller
+    assert len(values.entries) > 2, "zeros and lengths hold a part of the soft joint too"
     reading_deg = np.zeros(6)
-    for one in found.entries:
+    for one in values.entries:
         reading_deg[one.axis - 1] += one.reading_deg
     assert maker_by(name).controller.changes_reading == reading_deg.any()
     np.testing.assert_allclose(more_deg, np.tile(reading_deg, (3, 1)), atol=1e-9)
 
 
 def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
-    play = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
-    base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.003))
+    play = Backlash(axis=1, width_deg=0.05, found=found(width_deg=0.001))
+    base = LinkGeometry(axis=1, field="d", delta=0.5, found=found(delta=0.003))
     entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]), tmp_path / "out")
     assert [one["parameter"] for one in entries["entries"]] == ["delta_theta[2]", "delta_d[1]"]
     assert entries["entries"][1]["add"] == pytest.approx(0.5e-3, rel=1e-3)
@@ -175,7 +158,7 @@ def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
 
 def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path):
     """Two diagnoses found a zero of axis 4, one after the other: each is sure, and their sum is not."""
-    twice = [JointOffset(axis=4, offset_deg=deg, found=_found(offset_deg=0.02)) for deg in (0.05, -0.03)]
+    twice = [JointOffset(axis=4, offset_deg=deg, found=found(offset_deg=0.02)) for deg in (0.05, -0.03)]
     entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]), tmp_path / "out")
     assert [entry["parameter"] for entry in entries["entries"]] == ["delta_theta[2]"]
     assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
@@ -186,21 +169,21 @@ def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path):
     enough
     are entered that the omitted ones together have no significant gain.
     """
-    fault = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.004))
-    unsure = [JointOffset(axis=axis, offset_deg=0.033, found=_found(offset_deg=0.015)) for axis in (2, 4, 5)]
+    fault = JointOffset(axis=3, offset_deg=0.05, found=found(offset_deg=0.004))
+    unsure = [JointOffset(axis=axis, offset_deg=0.033, found=found(offset_deg=0.015)) for axis in (2, 4, 5)]
     entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, unsure[0]]), tmp_path / "out", "--for", "fanuc")
     assert [one["parameter"] for one in entered["entries"]] == ["reading of axis 3"]
-    many = [one.model_copy(update={"found": _found(offset_deg=0.009)}) for one in unsure]
+    many = [one.model_copy(update={"found": found(offset_deg=0.009)}) for one in unsure]
     entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, *many]), tmp_path / "all", "--for", "fanuc")
     assert 1 < len(entered["entries"]) < 4
 
 
 def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path):
     """At a controller without lengths, where a soft joint was `not entered` before."""
-    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=found(deg_per_Nm=1e-5))
     cell = _cell(tmp_path, "paper-fanuc", [soft])
-    done = ran("correct", cell, "-o", tmp_path / "out", "--for", "abb")
-    entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
+    done = ran(f"correct {cell} -o {tmp_path}/out --for abb")
+    entries = contents(tmp_path / "out" / "corrections.yaml")["controller"]
     before, after, targets = (entries[name] for name in ("before_um", "after_um", "corrected_targets_um"))
     assert targets < 0.1 * before < after < 0.95 * before
     told = " ".join(done.stdout.split())
@@ -210,7 +193,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path):
 
 def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):
     """d2, d3 and d4 of three parallel axes do the same to every posture."""
-    cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=_found(delta=0.03))])
+    cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=found(delta=0.03))])
     entries = _printed(cell, tmp_path / "out")
     assert [one["parameter"] for one in entries["entries"]] == ["delta_d[2]", "delta_d[3]", "delta_d[4]"]
     assert [one["add"] for one in entries["entries"]] == pytest.approx([1e-4] * 3, rel=1e-3)
@@ -223,9 +206,9 @@ def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):
 
 def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path):
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = ran("correct", cell, "-o", tmp_path / "out", "--for", "fanuc")
+    done = ran(f"correct {cell} -o {tmp_path}/out --for fanuc")
     assert "--scale" in done.stdout
-    entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
+    entries = contents(tmp_path / "out" / "corrections.yaml")["controller"]
     assert [(one["parameter"], round(one["add"], 6), one["unit"]) for one in entries["entries"]] == [
         ("reading of axis 2", -0.08, "deg"),
         ("reading of axis 4", 0.05, "deg"),
@@ -239,10 +222,10 @@ J3_SHOWN[2, 1] = -1
 @pytest.mark.parametrize("unit", ["counts", "deg"])
 @pytest.mark.parametrize("elbow_deg", [0.0, 0.11])
 def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(tmp_path, unit, elbow_deg):
-    zeros = [*ZEROS, JointOffset(axis=3, offset_deg=elbow_deg, found=_found(offset_deg=0.002))]
+    zeros = [*ZEROS, JointOffset(axis=3, offset_deg=elbow_deg, found=found(offset_deg=0.002))]
     text = load("paper-fanuc")[1].replace("    - [0, 0, -1, 0, 0, 0]", "    - [0, -1, -1, 0, 0, 0]")
     cell = tmp_path / "cell.yaml"
-    cell.write_text(extended(text, zeros if elbow_deg else ZEROS, "cell"), encoding="utf-8")
+    cell.write_text(extended(text, zeros if elbow_deg else ZEROS, "cell"))
     scale = ["--scale", ",".join(map(str, SCALE))] if unit == "counts" else []
     entries = _printed(cell, tmp_path / "out", "--for", "fanuc", *scale)
     controller = replace(
@@ -268,31 +251,23 @@ def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(t
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "controller.scale"),
-        (["--for", "abb", "--scale", "1,2,3"], "controller.scale"),
-        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "controller.scale"),
-        (["--entered"], "correct.entered"),
+        ("--for kuka --scale 1,2,3,4,5,6", "controller.scale"),
+        ("--for abb --scale 1,2,3", "controller.scale"),
+        ("--for abb --scale 1,2,3,4,5,0", "controller.scale"),
+        ("--entered", "correct.entered"),
+        ("--for cuca", "usage"),
     ],
 )
 def test_wrong_use_is_refused(tmp_path, options, code):
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), *options])
-    assert isinstance(done.exception, UseError)
-    assert done.exception.code == code
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path):
-    cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = command_line.ran("correct", cell, "-o", tmp_path / "out", "--for", "cuca")
-    assert done.returncode == 2 and all(word in done.stderr for word in ("cuca", "ur", "fanuc"))
+    assert failure_of(f"correct {cell} -o {tmp_path}/out {options}") == (2, code)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path):
     assert maker_of(load("paper-fanuc")[0].feedback.interface) is None
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = ran("correct", cell, "-o", tmp_path / "out", "--json")
+    done = ran(f"correct {cell} -o {tmp_path}/out --json")
     assert json.loads(done.stdout)["controller"] is None
     assert f"next: rig correct {cell} --for fanuc -o {tmp_path / 'out-fanuc'}  # " in done.stderr
 
@@ -300,15 +275,8 @@ def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path):
 @pytest.mark.parametrize("name", MAKERS)
 def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path, name):
     cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
-    done = ran("correct", cell, "-o", tmp_path / "out", "--controller", name.upper())
-    assert done.returncode == 0, done.stderr
+    done = succeeded(f"correct {cell} -o {tmp_path}/out --controller {name.upper()}")
     assert "(682 µm rms)" in " ".join(done.stdout.split())
-    written = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())
+    written = contents(tmp_path / "out" / "corrections.yaml")
     (effect,) = written["effects"]
     assert effect["corrected_as"] is None and effect["reason"] and not written["controller"]["entries"]
-
-
-def test_every_controller_names_the_source_of_its_terms():
-    for name in MAKERS:
-        controller = maker_by(name).controller
-        assert controller.source and controller.missing and controller.steps, name

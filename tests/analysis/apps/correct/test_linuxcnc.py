@@ -1,12 +1,10 @@
 """The arm of a LinuxCNC configuration, and the values of a correction in the form of its files."""
 
-import datetime as dt
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from analysis.apps.correct.controller_entries import controller_entries
 from analysis.apps.makers.linuxcnc.values import value_files
@@ -16,10 +14,11 @@ from analysis.apps.programs.planned import plans_of
 from analysis.correction.support import supports
 from analysis.robot.description.linuxcnc_configuration import configured_robot
 from analysis.robot.kinematics.arm import arm_of, forward, without_setup
-from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry
+from rigs.effects import Effect, JointOffset, LinkGeometry
 from rigs.errors import FileError
-from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
+from tests.support.changed_rigs import rig_with, with_robot
+from tests.worlds.arms.faulty_arm import found
 from tests.worlds.linuxcnc.arm import TOOL, TOOL_MM, tool_at
 from tests.worlds.linuxcnc.machine import write_configuration
 
@@ -36,10 +35,9 @@ def rig_at(tmp_path: Path, unit: str = "mm", effects: tuple[Effect, ...] = ()) -
     """Return a rig with the arm of the configuration of the cell, with a horizontal circle."""
     robot = configured_robot(write_configuration(tmp_path)).model_dump(mode="json", exclude_defaults=True)
     tool = {"xyz_mm": TOOL_MM.tolist(), "rpy_deg": [0, 90, 0]}
-    shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     feedback = {"interface": "linuxcnc", "port": "tcp://127.0.0.1:5480", "linear_units": unit}
-    changed = {"name": "puma", "robot": robot | {"tool": tool}, "feedback": feedback, "tests": {"circle": CIRCLE}}
-    return parse(yaml.safe_dump(shipped | changed), "puma").model_copy(update={"effects": effects})
+    rig = rig_with(robot=robot | {"tool": tool}, feedback=feedback, tests={"circle": CIRCLE})
+    return rig.model_copy(update={"effects": effects})
 
 
 def test_configuration_gives_the_arm_with_its_limits(tmp_path):
@@ -80,10 +78,6 @@ def test_configuration_that_rig_cannot_read_as_an_arm_is_refused(tmp_path, old, 
         configured_robot(ini)
 
 
-def found(**sd: float) -> EffectProvenance:
-    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
-
-
 @pytest.mark.parametrize(("unit", "per_mm"), [("mm", 1.0), ("inch", 1 / 25.4)])
 def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(tmp_path, unit, per_mm):
     effects = (
@@ -111,8 +105,7 @@ def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(tmp_path
 def test_arm_with_joint_offsets_has_no_hal_file(tmp_path):
     rig = rig_at(tmp_path, effects=(JointOffset(axis=3, offset_deg=0.2, found=found(offset_deg=0.001)),))
     axes = (*rig.robot.axes[:5], rig.robot.axes[5].model_copy(update={"offset_deg": 90.0}))
-    turned = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": axes})})
-    assert set(value_files(turned, {})) == {"no-rig-arm.txt"}
+    assert set(value_files(with_robot(rig, axes=axes), {})) == {"no-rig-arm.txt"}
 
 
 def test_horizontal_circle_is_arcs_and_inch_machine_gets_joints_in_its_unit(tmp_path):

@@ -4,13 +4,11 @@ Judged from the outside: where the tool went follows from the commanded angles b
 from the product, before and after what `rig correct` wrote has been entered.
 """
 
-import datetime as dt
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from analysis.apps.correct import correction_report
 from analysis.apps.correct.correct_rig import correct_rig
@@ -19,17 +17,19 @@ from analysis.apps.emulate.robot import Trace
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of, write_programs
 from analysis.apps.programs.planned import plans_of
-from analysis.robot.geometry.driven_programs import circle_program
-from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry
+from rigs.effects import JointOffset, LinkGeometry
 from rigs.errors import FileError
-from rigs.load import load, parse
+from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DrivenTest, MakerName
-from tests.worlds.arms.faulty_arm import flange_at, frame
-from tests.worlds.arms.independent_arm import Array, Wrong
+from tests.support.changed_rigs import rig_with, shipped
+from tests.support.refusals import refused
+from tests.support.written_files import contents
+from tests.worlds.arms.faulty_arm import flange_at, found, frame
+from tests.worlds.arms.independent_arm import Array, Wrong, none
 from tests.worlds.interpreters.arms import pose_of, rig_of
 
-CASES: list[tuple[MakerName, str]] = [
+CASES = [
     ("ur", "ur10e"),
     ("fanuc", "paper-fanuc"),
     ("kuka", "kuka-kr-10-r1100-2"),
@@ -39,10 +39,6 @@ CASES: list[tuple[MakerName, str]] = [
 LENGTHS = ("ur", "fanuc", "kuka")
 """Makers at whose controllers lengths can be entered."""
 ZERO_2_DEG, ZERO_4_DEG, A2_MM = -0.08, 0.05, 0.6
-
-
-def found(**sd: float) -> EffectProvenance:
-    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
 
 
 @dataclass(frozen=True)
@@ -58,11 +54,11 @@ class Cell:
 
 def cell(maker: MakerName, name: str, folder: Path, test: DrivenTest = "yaw") -> Cell:
     rig = rig_of(name).model_copy(update={"effects": ()})
-    effects: list[Effect] = [
+    effects = [
         JointOffset(axis=2, offset_deg=ZERO_2_DEG, found=found(offset_deg=0.002)),
         JointOffset(axis=4, offset_deg=ZERO_4_DEG, found=found(offset_deg=0.002)),
     ]
-    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    wrong = none()
     wrong.offset[[1, 3]] = np.radians([ZERO_2_DEG, ZERO_4_DEG])
     if maker in LENGTHS:
         effects.append(LinkGeometry(axis=3, field="a", delta=A2_MM, found=found(delta=0.02)))
@@ -80,7 +76,6 @@ def off_mm(cell: Cell, trace: Trace, more_deg: Array) -> Array:
     """How far (n,) mm from its circle the tool really was from the second arc on; the joints read more_deg (6,) more
     than the links of the real arm stand at."""
     circle, tool = cell.hidden.tests.circle, pose_of(cell.hidden.robot.tool)
-    assert circle
     base = pose_of(cell.hidden.robot.base)
     rows = np.arange(np.searchsorted(trace.t_s, trace.end_s / 8), len(trace.q), 40)
     T_tool = frame(tool.place, tool.turn)
@@ -101,7 +96,7 @@ def test_entered_corrections_bring_the_tool_onto_the_circle(maker, name, tmp_pat
     pendant = here.pendant()
     program = plans_of(here.hidden, "yaw", 3.0)[0].name
     before = pendant.trace(program)
-    entries = yaml.safe_load(file.read_text(encoding="utf-8"))["controller"]["entries"]
+    entries = contents(file)["controller"]["entries"]
     more_deg = np.zeros(6)
     for one in entries:
         more_deg[one["axis"] - 1] += one["reading_deg"]
@@ -109,6 +104,9 @@ def test_entered_corrections_bring_the_tool_onto_the_circle(maker, name, tmp_pat
     assert count == len(entries) >= 2
     np.testing.assert_allclose(np.degrees(more_rad), more_deg, atol=1e-7)
     after = pendant.trace(program)
+    places = [pose_place(here.hidden, q) for q in after.q[2000:2010]]
+    speeds_mm_s = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(after.t_s[2000:2010])
+    assert speeds_mm_s == pytest.approx(here.hidden.tests.circle.speed_mm_s, rel=1e-3)
     assert off_mm(here, before, np.zeros(6)).max() > 0.2
     # The decimals of a job (0.001 mm) and the six digits of the entries are what is left.
     assert off_mm(here, after, more_deg).max() < (5e-3 if maker == "yaskawa" else 1e-3)
@@ -116,25 +114,9 @@ def test_entered_corrections_bring_the_tool_onto_the_circle(maker, name, tmp_pat
     assert wave[0] > 0.1 and wave[1] < 0.02 * wave[0]  # what the gauges read of it
 
 
-@pytest.mark.parametrize(("maker", "name"), CASES)
-def test_without_effects_the_joints_are_the_simulators(maker, name, tmp_path):
-    """The program's laps at the speed of the rig file: angles that the plan's own simulator drives, and its time."""
-    here = cell(maker, name, tmp_path)
-    trace = here.pendant().trace(plans_of(here.hidden, "yaw", 3.0)[1].name)
-    q = circle_program(here.hidden, "cw").q
-    tolerance = 1e-4 if maker == "yaskawa" else 1e-6
-    np.testing.assert_allclose(trace.q[0], q[0], atol=tolerance)
-    np.testing.assert_allclose([trace.q.min(axis=0), trace.q.max(axis=0)], [q.min(axis=0), q.max(axis=0)], atol=1e-4)
-    circle = here.hidden.tests.circle
-    assert circle
-    steps = np.linalg.norm(np.diff([pose_place(here.hidden, one) for one in trace.q[2000:2010]], axis=0), axis=1)
-    assert steps / np.diff(trace.t_s[2000:2010]) == pytest.approx(circle.speed_mm_s, rel=1e-3)
-
-
 def pose_place(rig: Rig, q: Array) -> Array:
     tool = pose_of(rig.robot.tool)
-    place: Array = (flange_at(rig, q) @ frame(tool.place, tool.turn))[:3, 3]
-    return place
+    return (flange_at(rig, q) @ frame(tool.place, tool.turn))[:3, 3]
 
 
 @pytest.mark.parametrize("maker", ["ur", "yaskawa"])
@@ -149,16 +131,11 @@ def test_targets_are_dwelt_at(maker, test, tmp_path):
 
 
 def test_outputs_and_registers_are_the_signal(tmp_path):
-    text = load("ur10e")[1]
-    data = yaml.safe_load(text)
-    data["automatic"] = {
-        "rules": [{"test": "yaw", "direction": "acw", "when": {"signal": 2}}, {"test": "roll", "when": {"signal": 1}}]
-    }
-    data["automatic"]["rules"][1]["direction"] = "acw"
+    rules = [{"test": test, "direction": "acw", "when": {"signal": k}} for test, k in (("yaw", 2), ("roll", 1))]
+    feedback = shipped()["feedback"]
     shown = {}
     for place in ({"outputs": [3, 9]}, {"int_register": 12}):
-        data["feedback"]["signal"] = place
-        rig = parse(yaml.safe_dump(data), "cell")
+        rig = rig_with(feedback=feedback | {"signal": place}, automatic={"rules": rules})
         folder = tmp_path / str(len(shown))
         plans = plans_of(rig, "yaw", 3.0)
         write_programs("ur", programs_of("ur", [(plan, demand_of(plan)) for plan in plans]), folder)
@@ -208,6 +185,5 @@ def test_unknown_program_is_refused(tmp_path, name, code):
     for stem in ("lap", "yaw_roll"):
         (tmp_path / f"{stem}.script").write_text("def a():\n  \nend\na()\n")
     (tmp_path / "yaw_fanuc.LS").write_text("/PROG  A\n")
-    with pytest.raises(FileError) as error:
+    with refused(code):
         Pendant(load("ur10e")[0], tmp_path).trace(name)
-    assert error.value.code == code

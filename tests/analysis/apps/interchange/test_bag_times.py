@@ -15,7 +15,6 @@ from analysis.apps.interchange.ros_bag import table_of_bag
 from analysis.intake.read import parse_csv
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.tables import CircleTable
 from daq.store import table_run
 from rigs.errors import FileError
 from tests.support.bags import BEGIN_NS, JOINTS, MS, NUMBER, STATE, bag, joint_state, number, rig
@@ -29,17 +28,24 @@ def lap():
     return simulate("ur10e", "yaw", "acw", seed=None, effects="ur10e")
 
 
-def _messages(lap: Measured, late_ms: Array | None = None, stamped: bool = False) -> Messages:
-    """The lap as messages; late_ms (n,): by how much those of the joints are late."""
-    table = lap.table
-    assert isinstance(table, CircleTable)
-    ms = table.t_s * 1e3
-    came = ms if late_ms is None else np.maximum.accumulate(ms + late_ms)
-    stamps = [BEGIN_NS + round(one * MS) if stamped else 0 for one in ms.tolist()]
-    rows = zip(table.q.tolist(), came.tolist(), stamps, strict=True)
-    found: Messages = [("/joint_states", STATE, at, joint_state(JOINTS, q, stamp_ns=stamp)) for q, at, stamp in rows]
+@pytest.fixture(scope="module")
+def ms(lap):
+    """Times of the rows of the lap."""
+    return lap.table.t_s * 1e3
+
+
+def _messages(
+    lap: Measured, came_ms: Array | None = None, stamps_ms: Array | None = None, rows: Array | slice = slice(None)
+) -> Messages:
+    """The lap as messages. came_ms: times at which those of the joints arrive; stamps_ms: those of their headers;
+    rows: those of the joints that are sent."""
+    ms = lap.table.t_s * 1e3
+    came = ms[rows] if came_ms is None else np.maximum.accumulate(came_ms)
+    stamps = [0] * len(came) if stamps_ms is None else [BEGIN_NS + round(at * MS) for at in stamps_ms.tolist()]
+    sent = zip(lap.table.q[rows].tolist(), came.tolist(), stamps, strict=True)
+    found = [("/joint_states", STATE, at, joint_state(JOINTS, q, stamp_ns=stamp)) for q, at, stamp in sent]
     for name, column in (("/g1", 0), ("/g2", 1)):
-        found += [(name, NUMBER, at, number(mm)) for at, mm in zip(ms, table.g_mm[:, column].tolist(), strict=True)]
+        found += [(name, NUMBER, at, number(mm)) for at, mm in zip(ms, lap.table.g_mm[:, column].tolist(), strict=True)]
     return sorted(found, key=lambda one: one[2])
 
 
@@ -65,69 +71,53 @@ def _shift(run: Measured) -> Quantity:
 
 
 @pytest.mark.parametrize("stamped", [False, True])
-def test_late_joints_are_corrected_by_pace_or_stamps(lap, stamped):
-    late_ms = np.random.default_rng(1).uniform(0, 30, len(lap.table.q))
-    run, _ = _imported(lap, bag(*_messages(lap, late_ms, stamped)))
+def test_late_joints_are_corrected_by_pace_or_stamps(lap, ms, stamped):
+    late_ms = np.random.default_rng(1).uniform(0, 30, len(ms))
+    run, _ = _imported(lap, bag(*_messages(lap, ms + late_ms, ms if stamped else None)))
     truth, found = _shift(lap), _shift(run)
     assert abs(found.value - truth.value) < 0.02
     assert run.u_lag_s > 0.005 and found.u > 0.1  # a cycle of 20 ms, in which a controller latches at some time
 
 
-def test_uncorrected_delay_of_joints_is_in_u(lap):
+def test_uncorrected_delay_of_joints_is_in_u(lap, ms):
     """A loop without a crystal: 0.03 s of lateness turned the curve by 0.32° with u 0.017°."""
     rng = np.random.default_rng(2)
-    table = lap.table
-    assert isinstance(table, CircleTable)
-    kept = np.sort(rng.choice(len(table.t_s), len(table.t_s) * 2 // 3, replace=False))
-    joints = [(k, table.t_s[k] * 1e3 + late) for k, late in zip(kept, rng.uniform(0, 30, len(kept)), strict=True)]
-    came = np.maximum.accumulate([at for _, at in joints])
-    states: Messages = [
-        ("/joint_states", STATE, float(at), joint_state(JOINTS, table.q[k].tolist(), stamp_ns=0))
-        for (k, _), at in zip(joints, came, strict=True)
-    ]
-    gauges = [one for one in _messages(lap) if one[0] != "/joint_states"]
-    run, _ = _imported(lap, bag(*sorted([*states, *gauges], key=lambda one: one[2])))
+    kept = np.sort(rng.choice(len(ms), len(ms) * 2 // 3, replace=False))
+    run, _ = _imported(lap, bag(*_messages(lap, ms[kept] + rng.uniform(0, 30, len(kept)), rows=kept)))
     truth, found = _shift(lap), _shift(run)
-    assert isinstance(run.table, CircleTable) and run.table.u_t_s is not None
     assert 0.004 < np.sqrt(np.mean(run.table.u_t_s**2)) < 0.03
     assert 0.2 < abs(found.value - truth.value) < 2 * found.u
 
 
-def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap):
-    sent = _messages(lap, stamped=True)
+def _require_figures_of(lap: Measured, run: Measured) -> None:
+    for name, figure in evaluate(lap).figures.items():
+        assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
+
+
+def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap, ms):
+    sent = _messages(lap, stamps_ms=ms)
     states = [one for one in sent if one[0] == "/joint_states"]
-    again: Messages = [
+    again = [
         (topic, kind, later[2] + 3, data) for (topic, kind, _, data), later in zip(states, states[200:], strict=False)
     ]
-    both = sorted([*sent, *again], key=lambda one: one[2])
-    run, doubts = _imported(lap, bag(*both))
+    run, doubts = _imported(lap, bag(*sorted([*sent, *again], key=lambda one: one[2])))
     count, total = len(again), len(states) + len(again)
     assert any(f"/joint_states: {count} of {total} messages" in one for one in doubts)
     assert any("second publisher" in one for one in doubts)
-    for name, figure in evaluate(lap).figures.items():
-        assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
+    _require_figures_of(lap, run)
 
 
-def test_uneven_header_clock_is_replaced_by_even_reception_times(lap):
+def test_uneven_header_clock_is_replaced_by_even_reception_times(lap, ms):
     """The header of each message had a stamp of up to 30 ms before or after; the doubt was a second publisher."""
-    rng = np.random.default_rng(3)
-    table = lap.table
-    assert isinstance(table, CircleTable)
-    stamps = [BEGIN_NS + round(at * MS) for at in (table.t_s * 1e3 + rng.uniform(-30, 30, len(table.t_s))).tolist()]
-    states: Messages = [
-        ("/joint_states", STATE, at, joint_state(JOINTS, q, stamp_ns=stamp))
-        for at, q, stamp in zip((table.t_s * 1e3).tolist(), table.q.tolist(), stamps, strict=True)
-    ]
-    gauges = [one for one in _messages(lap) if one[0] != "/joint_states"]
-    run, doubts = _imported(lap, bag(*sorted([*states, *gauges], key=lambda one: one[2])))
+    uneven_ms = ms + np.random.default_rng(3).uniform(-30, 30, len(ms))
+    run, doubts = _imported(lap, bag(*_messages(lap, stamps_ms=uneven_ms)))
     assert any(doubt.startswith("/joint_states: the clock") for doubt in doubts)
     assert not any("second publisher" in doubt for doubt in doubts)
-    for name, figure in evaluate(lap).figures.items():
-        assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
+    _require_figures_of(lap, run)
 
 
-def test_one_stamp_from_the_future_does_not_make_all_others_old(lap):
-    sent = _messages(lap, stamped=True)
+def test_one_stamp_from_the_future_does_not_make_all_others_old(lap, ms):
+    sent = _messages(lap, stamps_ms=ms)
     place = next(k for k, one in enumerate(sent) if one[0] == "/joint_states" and one[2] > 5000)
     odd = joint_state(JOINTS, [0.0] * 6, stamp_ns=BEGIN_NS + 3600 * 10**9)
     sent[place] = (*sent[place][:3], odd)
@@ -166,7 +156,7 @@ def test_a_bag_without_checksums_is_a_doubt():
     out = io.BytesIO()
     writer = Writer(out, enable_crcs=False, use_chunking=False)
     writer.start(profile="ros2")
-    channels: dict[str, int] = {}
+    channels = {}
     for topic, kind, ms, data in _small():
         if topic not in channels:
             channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
@@ -197,6 +187,6 @@ def test_an_index_that_names_one_chunk_often_unpacks_it_once():
 
 
 def _small() -> Messages:
-    states: Messages = [("/joint_states", STATE, ms, joint_state(JOINTS, [ms / 1e3] * 6)) for ms in range(0, 1000, 10)]
-    gauges: Messages = [(name, NUMBER, ms, number(ms / 1e3)) for name in ("/g1", "/g2") for ms in range(5, 990, 20)]
+    states = [("/joint_states", STATE, ms, joint_state(JOINTS, [ms / 1e3] * 6)) for ms in range(0, 1000, 10)]
+    gauges = [(name, NUMBER, ms, number(ms / 1e3)) for name in ("/g1", "/g2") for ms in range(5, 990, 20)]
     return sorted([*states, *gauges], key=lambda one: one[2])

@@ -48,7 +48,7 @@ def recorded(runs: Path) -> Run:
 
 def written(run: Run, file: Path) -> Messages:
     write_new(file, lambda out: write_mcap(run, out))
-    messages: Messages = {}
+    messages = {}
     with file.open("rb") as source:
         for schema, channel, message in make_reader(source, validate_crcs=True).iter_messages():
             if channel.topic in OF_THE_ARM:
@@ -139,13 +139,6 @@ def test_unordered_rows_in_parts_keep_time_and_number(tmp_path, monkeypatch):
     assert [log_ns for log_ns, _, _ in rows] == [round(t_s * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
-def test_an_imported_table_is_plotted_by_its_own_time(tmp_path):
-    run = imported(tmp_path, "yaw")
-    messages = written(run, tmp_path / "run.mcap")
-    assert [values for _, _, values in messages["/table"]] == run.table.to_pylist()
-    assert [log_ns for log_ns, _, _ in messages["/table"]] == [round(t_s * 1e9) for t_s in run.table["t_s"].to_pylist()]
-
-
 def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path):
     run = imported(tmp_path, "yaw", since_s=1.0)
     messages = written(run, tmp_path / "run.mcap")
@@ -153,14 +146,9 @@ def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path):
     assert times == [round((t_s + 1.0) * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
-def test_a_time_that_mcap_cannot_hold_is_refused(tmp_path):
-    run = imported(tmp_path, "yaw", since_s=-9e10)
-    with refused("export.time"):
-        written(run, tmp_path / "run.mcap")
-
-
-def test_a_table_without_time_is_refused_and_leaves_no_file(tmp_path):
-    run = imported(tmp_path, "pose")
+@pytest.mark.parametrize(("test", "since_s"), [("yaw", -9e10), ("pose", 0.0)], ids=["beyond", "none"])
+def test_a_time_that_mcap_cannot_hold_is_refused_and_leaves_no_file(test, since_s, tmp_path):
+    run = imported(tmp_path, test, since_s)
     with refused("export.time"):
         written(run, tmp_path / "run.mcap")
     assert not (tmp_path / "run.mcap").exists()

@@ -135,16 +135,6 @@ def test_frankas_file_has_the_poses_of_the_model():
     require_equal(franka_poses(text, q), outer @ tool_poses(model_of(rig), q) @ inner)
 
 
-def test_frankas_file_of_the_nominal_arm_is_frankas_own():
-    rig = changed("franka-fr3").model_copy(update={"effects": ()})
-    entries = yaml.safe_load(driver_kinematics(rig.robot, geometric_arm(model_of(rig)), "franka", "cell.yaml"))
-    assert entries["joint5"]["kinematic"] == pytest.approx(
-        {"x": -0.0825, "y": 0.384, "z": 0, "roll": -np.pi / 2, "pitch": 0, "yaw": 0}, abs=1e-12
-    )
-    assert entries["joint8"]["kinematic"]["z"] == pytest.approx(0.107)
-    assert entries["joint7"]["kinematic"]["z"] == pytest.approx(0, abs=1e-12)
-
-
 def test_another_arm_has_no_file_of_franka():
     rig = changed("kuka-lbr-iiwa-14")
     with refused("export.kinematics"):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from analysis.apps.interchange.bags import file_of
 from analysis.apps.interchange.pose_bag import stands_of_bag
@@ -14,9 +13,10 @@ from analysis.intake.readers import StandTable
 from analysis.runs.loading import load_measured
 from rigs.arms import load_arm
 from rigs.errors import FileError
-from rigs.load import load, parse
+from rigs.load import load
 from rigs.rig import Rig
-from tests.support.command_line import ran
+from tests.support.changed_rigs import rig_with
+from tests.support.command_line import errors_of, ran, succeeded
 from tests.worlds.arms import soft_arm
 from tests.worlds.arms.seven_axes import draw_truth, pose_table
 
@@ -52,6 +52,11 @@ def rng():
     return np.random.default_rng(4)
 
 
+@pytest.fixture
+def bag(tmp_path):
+    return tmp_path / "bag"
+
+
 def held(found: StandTable, truth: Driven, kept: slice = slice(None)) -> None:
     table = columns(found)
     q = np.stack([table[f"{name}_rad"] for name in JOINTS], axis=1)
@@ -63,28 +68,26 @@ def held(found: StandTable, truth: Driven, kept: slice = slice(None)) -> None:
 
 @pytest.mark.parametrize("storage", [MCAP, SQLITE])
 @pytest.mark.parametrize("kind", [POSE, POINT, TRANSFORM, TF])
-def test_each_stop_is_a_row_with_its_scatter(tmp_path, rng, kind, storage):
-    truth = drive(tmp_path / "bag", rng, kind=kind, storage=storage)
-    found = stands(tmp_path / "bag", topic="/seen:target" if kind == TF else "")
+def test_each_stop_is_a_row_with_its_scatter(bag, rng, kind, storage):
+    truth = drive(bag, rng, kind=kind, storage=storage)
+    found = stands(bag, topic="/seen:target" if kind == TF else "")
     held(found, truth)
     assert ("qx" in columns(found)) == (kind != POINT)
 
 
-def test_joints_are_those_that_the_rig_file_names(tmp_path, rng):
-    truth = drive(tmp_path / "bag", rng)
-    data = yaml.safe_load(load("ur10")[1])
-    data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
-    found = stands(tmp_path / "bag", parse(yaml.safe_dump(data), "rig.yaml"))
+def test_joints_are_those_that_the_rig_file_names(bag, rng):
+    truth = drive(bag, rng)
+    feedback = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
+    found = stands(bag, rig_with("ur10", feedback=feedback))
     assert "finger_rad" not in columns(found)
     held(found, truth)
-    data["feedback"]["joints"] = ["a", "b", "c", "d", "e", "f"]
     with refused("bag.no_joints"):
-        stands(tmp_path / "bag", parse(yaml.safe_dump(data), "rig.yaml"))
+        stands(bag, rig_with("ur10", feedback=feedback | {"joints": list("abcdef")}))
 
 
-def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path, rng):
-    truth = drive(tmp_path / "bag", rng, blind=(0, 1, 2))
-    found = stands(tmp_path / "bag")
+def test_stops_that_the_instrument_did_not_see_are_counted(bag, rng):
+    truth = drive(bag, rng, blind=(0, 1, 2))
+    found = stands(bag)
     held(found, truth, slice(3, None))
     assert any(doubt.startswith("3 of 20 stops") for doubt in found.doubts)
 
@@ -96,9 +99,9 @@ def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path, rng):
         ({"stamped": False}, "timestamps"),
     ],
 )
-def test_differing_clocks_are_reported_and_the_bag_time_used(tmp_path, rng, given, told):
-    truth = drive(tmp_path / "bag", rng, **given)  # type: ignore[arg-type]
-    found = stands(tmp_path / "bag")
+def test_differing_clocks_are_reported_and_the_bag_time_used(bag, rng, given, told):
+    truth = drive(bag, rng, **given)
+    found = stands(bag)
     held(found, truth)
     assert any(re.search(told, doubt) for doubt in found.doubts)
 
@@ -110,47 +113,41 @@ def test_differing_clocks_are_reported_and_the_bag_time_used(tmp_path, rng, give
         (POSE, "/other", "'/other'; .* /seen"),
     ],
 )
-def test_ambiguous_topics_are_asked_about(tmp_path, rng, kind, topic, told):
-    drive(tmp_path / "bag", rng, kind=kind, stops=2)
+def test_ambiguous_topics_are_asked_about(bag, rng, kind, topic, told):
+    drive(bag, rng, kind=kind, stops=2)
     with pytest.raises(FileError, match=told):
-        stands(tmp_path / "bag", topic=topic)
+        stands(bag, topic=topic)
 
 
-def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path, rng):
-    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
-    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path, bag, rng):
+    truth = drive(bag, rng, storage=SQLITE)
+    done = succeeded(f"import {bag} --rig ur10 --test pose -o {tmp_path}/run")
     assert "topic: /seen" in done.stderr and "qx … qw" in done.stderr
     assert "checksums" in done.stderr
     measured = load_measured(tmp_path / "run")
     assert measured.table.q == pytest.approx(truth.q, abs=2e-6)
-    ran("export", tmp_path / "run", "--to", "map", "-o", tmp_path / "map.yaml")
-    done = ran(
-        "import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "again",
-        "--map", tmp_path / "map.yaml",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    ran(f"export {tmp_path}/run --to map -o {tmp_path}/map.yaml")
+    succeeded(
+        f"import {bag} --rig ur10 --test pose -o {tmp_path}/again --map {tmp_path}/map.yaml",
+    )
     assert load_measured(tmp_path / "again").table.q == pytest.approx(measured.table.q)
 
 
-def test_seven_axes_are_found_by_their_names(tmp_path, rng):
+def test_seven_axes_are_found_by_their_names(tmp_path, bag, rng):
     robot = load_arm("franka-fr3").robot
     table = pose_table(robot, draw_truth(robot, rng, ()), rng, np.array([10.0, 20.0, 100.0]), 20)
-    drive_points(tmp_path / "bag", rng, [f"fr3_joint{axis}" for axis in range(1, 8)], table.q, table.xyz_mm)
+    drive_points(bag, rng, [f"fr3_joint{axis}" for axis in range(1, 8)], table.q, table.xyz_mm)
     rig = tmp_path / "fr3.yaml"
-    rig.write_text("name: fr3\n" + ran("arms", "franka-fr3").stdout)
-    done = ran("import", tmp_path / "bag", "--rig", rig, "--test", "pose", "-o", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+    rig.write_text("name: fr3\n" + ran("arms franka-fr3").stdout)
+    succeeded(f"import {bag} --rig {rig} --test pose -o {tmp_path}/run")
     assert load_measured(tmp_path / "run").table.q == pytest.approx(table.q, abs=2e-6)
 
 
-def test_a_camera_on_the_tool_is_recognised(tmp_path, rng):
-    drive(tmp_path / "bag", rng, on_tool=True)
-    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+def test_a_camera_on_the_tool_is_recognised(tmp_path, bag, rng):
+    drive(bag, rng, on_tool=True)
+    done = succeeded(f"import {bag} --rig ur10 --test pose -o {tmp_path}/run")
     assert "sees: " in done.stderr
-    done = ran("analyse", tmp_path / "run", "--json")
-    assert done.returncode == 0, done.stderr
+    succeeded(f"analyse {tmp_path}/run --json")
 
 
 def _spoilt(change: Callable[[sqlite3.Connection], object], path: Path) -> bytes:
@@ -171,9 +168,9 @@ def _spoilt(change: Callable[[sqlite3.Connection], object], path: Path) -> bytes
         "DELETE FROM messages",
     ],
 )
-def test_a_database_that_is_no_bag_is_one_line(tmp_path, rng, sql):
-    drive(tmp_path / "bag", rng, stops=2, storage=SQLITE)
-    data = _spoilt(lambda database: database.executescript(sql), file_of(tmp_path / "bag"))
+def test_a_database_that_is_no_bag_is_one_line(bag, rng, sql):
+    drive(bag, rng, stops=2, storage=SQLITE)
+    data = _spoilt(lambda database: database.executescript(sql), file_of(bag))
     for broken in (data, data[: len(data) // 2], data[:100] + bytes(len(data) - 100)):
         with pytest.raises(FileError) as error:
             stands_of_bag(broken, "bag.db3", load("ur10")[0])
@@ -186,9 +183,9 @@ def test_missing_file_of_a_directory_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize("storage", [MCAP, SQLITE])
-def test_damaged_bag_is_refused_or_read_up_to_the_damage(tmp_path, rng, storage):
-    drive(tmp_path / "bag", rng, stops=3, storage=storage, kind=TF)
-    whole = file_of(tmp_path / "bag").read_bytes()
+def test_damaged_bag_is_refused_or_read_up_to_the_damage(bag, rng, storage):
+    drive(bag, rng, stops=3, storage=storage, kind=TF)
+    whole = file_of(bag).read_bytes()
     for _ in range(40):
         data = bytearray(whole)
         for at in rng.integers(0, len(data), 8):
@@ -199,39 +196,38 @@ def test_damaged_bag_is_refused_or_read_up_to_the_damage(tmp_path, rng, storage)
             assert "\n" not in str(error)
 
 
-def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path, rng):
-    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
-    with sqlite3.connect(file_of(tmp_path / "bag")) as database:
+def test_messages_without_a_turn_or_of_another_kind_are_counted(bag, rng):
+    truth = drive(bag, rng, storage=SQLITE)
+    with sqlite3.connect(file_of(bag)) as database:
         (topic,) = database.execute("SELECT id FROM topics WHERE name = '/seen'").fetchone()
         rows = database.execute("SELECT id, data FROM messages WHERE topic_id = ? LIMIT 5", (topic,)).fetchall()
         for at, data in rows:
             database.execute("UPDATE messages SET data = ? WHERE id = ?", (data[:-32] + bytes(32), at))
-    found = stands(tmp_path / "bag")
+    found = stands(bag)
     held(found, truth)
     assert any(re.search("/seen: 5 of .* messages", doubt) for doubt in found.doubts)
 
 
-def test_bag_with_open_log_is_read_once_closed(tmp_path, rng):
-    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
-    database = sqlite3.connect(file_of(tmp_path / "bag"))
+def test_bag_with_open_log_is_read_once_closed(bag, rng):
+    truth = drive(bag, rng, storage=SQLITE)
+    database = sqlite3.connect(file_of(bag))
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("CREATE TABLE more (id INTEGER)")
     database.commit()
     with refused("bag.not_closed"):
-        file_of(tmp_path / "bag")
+        file_of(bag)
     database.close()
-    held(stands(tmp_path / "bag"), truth)
+    held(stands(bag), truth)
 
 
 @pytest.mark.parametrize("topic", ["/tcp_pose_broadcaster/pose", "/tf:tool0", "/franka/O_T_EE"])
-def test_a_topic_of_the_controller_is_asked_about(tmp_path, rng, topic, monkeypatch):
+def test_a_topic_of_the_controller_is_asked_about(tmp_path, bag, rng, topic, monkeypatch):
     """Its places are wrong by the noise of a tracker here, so that nothing but the name speaks."""
     monkeypatch.chdir(tmp_path)
     q = np.radians(rng.uniform((-90, -120, -110, -120, -80, -150), (90, -40, 110, 120, 80, 150), (20, 6)))
     arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
-    drive_points(tmp_path / "bag", rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
-    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
-    assert done.returncode == 3 and f"{topic} looks" in done.stderr
+    drive_points(bag, rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
+    assert f"{topic} looks" in errors_of(f"import {bag} --rig ur10 --test pose -o {tmp_path}/run")
 
 
 LEFT = [f"left_{name}" for name in JOINTS]
@@ -241,8 +237,8 @@ LEFT = [f"left_{name}" for name in JOINTS]
     ("names", "beside", "code"),
     [(JOINTS, ("/joint_states", LEFT), "bag.ambiguous"), ([], None, "bag.no_joints")],
 )
-def test_joints_of_two_arms_or_without_names_are_refused(tmp_path, rng, names, beside, code):
+def test_joints_of_two_arms_or_without_names_are_refused(bag, rng, names, beside, code):
     q = np.radians(rng.uniform(-60, 60, (3, 6)))
-    drive_points(tmp_path / "bag", rng, names, q, q[:, :3] * 1000, beside=beside)
+    drive_points(bag, rng, names, q, q[:, :3] * 1000, beside=beside)
     with refused(code):
-        stands(tmp_path / "bag")
+        stands(bag)

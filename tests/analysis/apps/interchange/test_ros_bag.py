@@ -18,7 +18,7 @@ from analysis.apps.interchange.ros_bag import table_of_bag
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
-from tests.support.bags import BEGIN_NS, JOINTS, MS, NUMBER, STATE, bag, joint_state, number, rig
+from tests.support.bags import BEGIN_NS, JOINTS, NUMBER, STATE, bag, joint_state, number, rig
 from tests.support.refusals import refused
 
 
@@ -140,25 +140,3 @@ def test_bag_larger_than_memory_is_not_unpacked(compression, monkeypatch):
 def _largest_chunk(data: bytes) -> int:
     records = StreamReader(io.BytesIO(data), emit_chunks=True).records
     return max(one.uncompressed_size for one in records if isinstance(one, Chunk))
-
-
-def test_a_bag_of_the_rosbags_library_is_read(tmp_path):
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    typesys = pytest.importorskip("rosbags.typesys")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    types, empty = store.types, np.array([])
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        topics = {"/joint_states": STATE, "/g1": NUMBER, "/g2": NUMBER}
-        to = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
-        for ms in range(0, 1000, 10):
-            stamp = types["builtin_interfaces/msg/Time"](sec=5, nanosec=ms * MS)
-            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="base_link")
-            state = types[STATE](header, JOINTS, np.arange(1, 7) * ms / 1000, empty, empty)
-            writer.write(to["/joint_states"], BEGIN_NS + ms * MS, store.serialize_cdr(state, STATE))
-            for name, mm in (("/g1", 0.1), ("/g2", -0.2)):
-                data = store.serialize_cdr(types[NUMBER](mm), NUMBER)
-                writer.write(to[name], BEGIN_NS + (ms + 5) * MS, data)
-    (file,) = (tmp_path / "bag").glob("*.mcap")
-    _, rows, _ = read(file.read_bytes())
-    assert len(rows) == 99 and rows[:, 7] == pytest.approx(0.1) and rows[:, 8] == pytest.approx(-0.2)
-    assert rows[:, 3] == pytest.approx(np.degrees(3 * (0.005 + 0.01 * np.arange(99))))

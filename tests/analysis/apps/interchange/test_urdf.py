@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.apps.interchange.urdf import import_urdf
+from analysis.apps.interchange.urdf import UrdfArm, import_urdf
 from analysis.robot.description.rig_section import flange_poses, parsed
 from rigs.arms import load_arm
 from rigs.distribution import to_install
@@ -21,7 +21,6 @@ CHAINS = {
     if isinstance(source, Chain)
 }
 KUKA = SOURCES["kuka-kr-6-r900-2"]["geometry"]
-assert isinstance(KUKA, Chain)
 GOOD = KUKA.urdf()
 LIMIT = 'lower="-3" upper="2.5" velocity="3.5"'
 AXIS = "<axis [^>]*>"
@@ -29,16 +28,20 @@ FIFTH = re.search(r'<joint name="joint_5".*?</joint>', GOOD)
 assert FIFTH
 
 
-def urdf(folder: Path, text: str) -> Path:
+def with_more(*parts: str, text: str = GOOD) -> str:
+    return text.replace("</robot>", "".join([*parts, "</robot>"]))
+
+
+def imported(folder: Path, text: str = GOOD, **ends: str | None) -> UrdfArm:
     file = folder / "arm.urdf"
-    file.write_text(text, encoding="utf-8")
-    return file
+    file.write_text(text)
+    return import_urdf(file, **ends)
 
 
 @pytest.mark.parametrize("name", cases(CHAINS, list(CHAINS)[::3]))
 def test_the_section_is_the_chain_in_its_own_terms(name, tmp_path):
     chain = CHAINS[name]
-    arm = import_urdf(urdf(tmp_path, chain.urdf()))
+    arm = imported(tmp_path, chain.urdf())
     assert parsed(arm.section.text) == arm.section.robot
     assert (arm.base, arm.tip) == ("base_link", "tool0")
     q = np.random.default_rng(3).uniform(-2.5, 2.5, (200, len(chain.joints)))
@@ -56,8 +59,7 @@ def test_the_section_is_the_chain_in_its_own_terms(name, tmp_path):
 def test_the_constants_are_those_of_the_library(name, tmp_path):
     """Not only the same poses: the same lengths and angles, as a person would write them."""
     chain = SOURCES[name]["geometry"]
-    assert isinstance(chain, Chain)
-    found, ours = import_urdf(urdf(tmp_path, chain.urdf())).section.robot, load_arm(name).robot
+    found, ours = imported(tmp_path, chain.urdf()).section.robot, load_arm(name).robot
     for its, axis in zip(found.axes, ours.axes, strict=True):
         constants = (its.a_mm, its.alpha_deg, its.beta_deg, its.offset_deg)
         assert constants == pytest.approx((axis.a_mm, axis.alpha_deg, 0, axis.offset_deg), abs=1e-9)
@@ -71,18 +73,17 @@ def test_the_constants_are_those_of_the_library(name, tmp_path):
 
 def test_the_right_angles_of_1571_are_named_and_kept(tmp_path):
     chain = SOURCES["doosan-m1013"]["geometry"]
-    assert isinstance(chain, Chain)
-    (doubt,) = import_urdf(urdf(tmp_path, chain.urdf())).doubts
+    (doubt,) = imported(tmp_path, chain.urdf()).doubts
     assert "joint_1 and joint_2 0.0117 degrees off a right angle, joint_3 and joint_4 0.0117" in doubt
 
 
 def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path):
     text = GOOD.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0.001 1.0 0.0"/>', 1)
-    arm = import_urdf(urdf(tmp_path, text))
+    arm = imported(tmp_path, text)
     assert any("joint_2 and joint_3 0.0573 degrees" in doubt for doubt in arm.doubts)
     assert max(abs(axis.a_mm) for axis in arm.section.robot.axes) < 1000
     assert any(axis.beta_deg for axis in arm.section.robot.axes)
-    assert import_urdf(urdf(tmp_path, GOOD)).doubts == ()
+    assert imported(tmp_path).doubts == ()
 
 
 def test_masses_that_are_fixed_together_are_one(tmp_path):
@@ -91,7 +92,7 @@ def test_masses_that_are_fixed_together_are_one(tmp_path):
 
     text = GOOD.replace('<link name="link_6"/>', f'<link name="link_6">{inertial(3, 0.1)}</link>')
     text = text.replace('<link name="tool0"/>', f'<link name="tool0">{inertial(1, 0.0)}</link>')
-    arm = import_urdf(urdf(tmp_path, text))
+    arm = imported(tmp_path, text)
     assert [axis.mass_kg for axis in arm.section.robot.axes] == [0, 0, 0, 0, 0, 4]
     # At zero, link 6 stands as the base, with its centre 100 mm ahead and up; tool0's z is ahead, as that of axis 6.
     x, y, z = arm.section.robot.axes[5].centre_mm
@@ -104,11 +105,9 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path):
     finger = (
         '<link name="finger"/><joint name="grip" type="prismatic"><parent link="tool0"/><child link="finger"/></joint>'
     )
-    text = GOOD.replace('<link name="link_1"/>', f'<link name="link_1">{mesh}</link>').replace(
-        "</robot>", f"{finger}</robot>"
-    )
-    arm = import_urdf(urdf(tmp_path, text))
-    assert arm.section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
+    text = with_more(finger).replace('<link name="link_1"/>', f'<link name="link_1">{mesh}</link>')
+    arm = imported(tmp_path, text)
+    assert arm.section.robot == imported(tmp_path).section.robot
     assert len(arm.doubts) == 1 and arm.doubts[0].endswith(": grip")
 
 
@@ -119,15 +118,15 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path):
 )
 def test_other_parts_of_a_joint_are_ignored(part, tmp_path):
     text = GOOD.replace('<parent link="link_1"/>', f'<parent link="link_1"/>{part}')
-    assert import_urdf(urdf(tmp_path, text)).section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
+    assert imported(tmp_path, text).section.robot == imported(tmp_path).section.robot
 
 
 def test_ends_that_are_not_on_their_axes_are_named(tmp_path):
-    arm = import_urdf(urdf(tmp_path, GOOD), tip="link_6")
+    arm = imported(tmp_path, tip="link_6")
     assert arm.section.robot.tool.rpy_deg != (0, 0, 0)
     assert ["axis 6" in doubt for doubt in arm.doubts] == [True]
     aside = re.sub(r'xyz="0.0 0.0 0.4"', 'xyz="0.1 0.0 0.4"', GOOD)
-    arm = import_urdf(urdf(tmp_path, aside))
+    arm = imported(tmp_path, aside)
     assert arm.section.robot.base.xyz_mm == (100, 0, 0)
     assert ["axis 1" in doubt for doubt in arm.doubts] == [True]
 
@@ -137,10 +136,10 @@ def test_base_on_a_separate_branch_is_the_base_frame(tmp_path):
         '<link name="base"/><joint name="turned" type="fixed"><parent link="base_link"/><child link="base"/>'
         '<origin xyz="0 0 0.1" rpy="0 0 3.141592653589793"/></joint>'
     )
-    text = GOOD.replace("</robot>", f"{branch}</robot>")
-    arm = import_urdf(urdf(tmp_path, text))
+    text = with_more(branch)
+    arm = imported(tmp_path, text)
     assert arm.base == "base"
-    root = import_urdf(urdf(tmp_path, text), base="base_link")
+    root = imported(tmp_path, text, base="base_link")
     q = np.random.default_rng(3).uniform(-2.5, 2.5, (50, 6))
     T = np.diag([-1.0, -1.0, 1.0, 1.0])
     T[2, 3] = 100.0
@@ -195,7 +194,7 @@ BAD = {
     "no link": (GOOD.replace('<link name="link_3"/>', ""), "not_urdf"),
     "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "twice"),
     "two parents": (
-        GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
+        with_more(SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "")),
         "tree",
     ),
     "a circle": (GOOD.replace('<parent link="base_link"/>', '<parent link="link_6"/>'), "tree"),
@@ -206,17 +205,17 @@ BAD = {
 @pytest.mark.parametrize(
     ("given", "wrong", "of"),
     [
-        ('upper="2.5"', 'upper="170"', ("limits_deg", "9740")),
-        ('"0.0 0.0 0.4"', '"0 0 400"', ("d_mm", "400000")),
-        ('velocity="3.5"', 'velocity="9999"', ("speed_deg_s", "572900")),
-        ('lower="-3"', 'lower="-200"', ("limits_deg", "-11459")),
+        ('upper="2.5"', 'upper="170"', "limits_deg 9740"),
+        ('"0.0 0.0 0.4"', '"0 0 400"', "d_mm 400000"),
+        ('velocity="3.5"', 'velocity="9999"', "speed_deg_s 572900"),
+        ('lower="-3"', 'lower="-200"', "limits_deg -11459"),
     ],
 )
 def test_out_of_range_value_is_refused_with_joint_and_key(given, wrong, of, tmp_path):
     with pytest.raises(FileError) as refused:
-        import_urdf(urdf(tmp_path, GOOD.replace(given, wrong, 1)))
+        imported(tmp_path, GOOD.replace(given, wrong, 1))
     error = refused.value
-    assert error.code == "description.value" and all(word in error.what for word in ("joint_", *of))
+    assert error.code == "description.value" and all(word in error.what for word in ("joint_", *of.split()))
     assert "Input" not in error.what
 
 
@@ -224,7 +223,7 @@ def test_out_of_range_value_is_refused_with_joint_and_key(given, wrong, of, tmp_
 def test_bad_file_is_refused(kind, tmp_path):
     text, code = BAD[kind]
     with refused(f"urdf.{code}"):
-        import_urdf(urdf(tmp_path, text))
+        imported(tmp_path, text)
 
 
 @pytest.mark.parametrize(
@@ -238,14 +237,14 @@ def test_bad_file_is_refused(kind, tmp_path):
     ],
 )
 def test_other_ends_have_other_joints(base, tip, code, tmp_path):
-    text = GOOD.replace("</robot>", f"{SEVENTH}{MOVED_BASE}</robot>")
+    text = with_more(SEVENTH, MOVED_BASE)
     with refused(code):
-        import_urdf(urdf(tmp_path, text), base, tip)
+        imported(tmp_path, text, base=base, tip=tip)
 
 
 def test_five_axes_and_four_are_arms(tmp_path):
     for axes, base in ((5, "link_1"), (4, "link_2")):
-        arm = import_urdf(urdf(tmp_path, GOOD), base).section
+        arm = imported(tmp_path, base=base).section
         assert len(arm.robot.axes) == len(arm.robot.coupling) == axes
         assert arm.robot.design == "light"
 
@@ -257,7 +256,7 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path):
         '<origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/><axis xyz="0 -2 0"/><limit lower="-0.5" upper="2.5" velocity="1"/>'
         "</joint>"
     )
-    section = import_urdf(urdf(tmp_path, GOOD.replace("</robot>", f"{rail}</robot>"))).section
+    section = imported(tmp_path, with_more(rail)).section
     assert section.robot.rail.limits_mm == (-500, 2500)
     np.testing.assert_allclose(section.robot.rail.direction, [np.sin(0.5), -np.cos(0.5), 0], atol=1e-9)
     q = np.zeros((2, 7))
@@ -269,24 +268,24 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path):
 
 def test_gripper_jaw_is_an_axis_only_if_chosen(tmp_path):
     jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
-    text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
+    text = with_more(jaw).replace("tool0", "hand")
     with refused("urdf.gripper"):
-        import_urdf(urdf(tmp_path, text))
-    assert len(import_urdf(urdf(tmp_path, text), tip="hand").section.robot.axes) == 6
-    assert len(import_urdf(urdf(tmp_path, text), tip="jaw").section.robot.axes) == 7
+        imported(tmp_path, text)
+    assert len(imported(tmp_path, text, tip="hand").section.robot.axes) == 6
+    assert len(imported(tmp_path, text, tip="jaw").section.robot.axes) == 7
 
 
 def test_a_joint_without_end_gets_limits_and_is_named(tmp_path):
-    arm = import_urdf(urdf(tmp_path, GOOD.replace("revolute", "continuous", 1)))
+    arm = imported(tmp_path, GOOD.replace("revolute", "continuous", 1))
     assert arm.section.robot.axes[0].limits_deg == (-360, 360)
     assert [" joint_1;" in doubt for doubt in arm.doubts] == [True]
 
 
 def test_several_ends_are_asked_for(tmp_path):
-    text = GOOD.replace("tool0", "hand").replace("</robot>", f"{SEVENTH.replace('tool0', 'link_6')}</robot>")
+    text = with_more(SEVENTH.replace("tool0", "link_6")).replace("tool0", "hand")
     with refused("urdf.tree"):
-        import_urdf(urdf(tmp_path, text))
-    assert import_urdf(urdf(tmp_path, text), tip="hand").tip == "hand"
+        imported(tmp_path, text)
+    assert imported(tmp_path, text, tip="hand").tip == "hand"
 
 
 def test_a_huge_file_is_not_read(tmp_path):
@@ -300,5 +299,5 @@ def test_a_huge_file_is_not_read(tmp_path):
 def test_missing_library_names_the_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
     with pytest.raises(CellError) as error:
-        import_urdf(urdf(tmp_path, GOOD))
+        imported(tmp_path)
     assert error.value.remedy == to_install("pytransform3d")

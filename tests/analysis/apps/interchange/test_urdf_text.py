@@ -15,10 +15,9 @@ from analysis.apps.interchange.urdf_text import urdf_text
 from analysis.correction.work import tool_poses
 from analysis.robot.description.rig_section import flange_poses
 from analysis.robot.description.ur_calibration import NOT_THE_CONTROLLERS
-from analysis.robot.kinematics.arm import Arm, arm_of
+from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.predict import geometric_arm, model_of
 from rigs.arms import arm_names, load_arm
-from rigs.load import load
 from rigs.rig import Rig
 from tests.support.changed_arms import changed, require_equal, within_limits
 from tests.support.refusals import refused
@@ -70,7 +69,7 @@ def test_an_independent_reader_gives_the_poses_of_the_model(name, rail):
 def test_reimported_arm_has_the_same_poses_limits_and_masses(name, rail, tmp_path):
     rig = changed(name, seed=1, rail=rail)
     file = tmp_path / "arm.urdf"
-    file.write_text(written(rig), encoding="utf-8")
+    file.write_text(written(rig))
     again = import_urdf(file).section.robot
     assert (again.rail and again.rail.limits_mm) == (rig.robot.rail and rig.robot.rail.limits_mm)
     q = within_limits(rig)
@@ -136,24 +135,15 @@ def driver_poses(text: str, q: np.ndarray) -> np.ndarray:
     return np.array(poses)
 
 
-def require_the_drivers(rig: Rig) -> None:
-    """Check that the driver file of a rig gives the model's poses without base and tool."""
-    arm: Arm = geometric_arm(model_of(rig))
+@pytest.mark.parametrize("name", URS)
+def test_driver_file_gives_the_poses_of_the_model_without_base_and_tool(name):
+    assert set(URS) >= {"ur3e", "ur5e", "ur10e"}
+    rig = changed(name)
+    arm = geometric_arm(model_of(rig))
     q = within_limits(rig)
     outer, inner = np.linalg.inv(arm.T_world_base), np.linalg.inv(arm.T_flange_tool)
     expected = outer @ tool_poses(model_of(rig), q) @ inner
     require_equal(driver_poses(ur_driver_text(arm, "cell.yaml"), q), expected)
-
-
-@pytest.mark.parametrize("name", URS)
-def test_driver_file_gives_the_poses_of_the_model(name):
-    assert set(URS) >= {"ur3e", "ur5e", "ur10e"}
-    require_the_drivers(changed(name))
-
-
-def test_driver_file_of_a_ur10():
-    rig = changed("ur10e")
-    require_the_drivers(rig.model_copy(update={"robot": load("ur10")[0].robot}))
 
 
 PUBLISHED = """

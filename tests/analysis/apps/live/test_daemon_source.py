@@ -3,8 +3,8 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from rigs.load import find
 from tests.support.bench import BIN, Bench
 from tests.support.live_terminal import PATIENCE_S, Terminal
 
-STATUS: dict[str, Any] = {
+STATUS = {
     "ok": True,
     "rig": "ur10e",
     "baseline_mm": 50.0,
@@ -34,16 +34,16 @@ STATUS: dict[str, Any] = {
 
 class FakeDaemon:
     def __init__(self, path: Path, rig_text: str | None = None) -> None:
-        self.asked: list[dict[str, Any]] = []
+        self.asked = []
         self.rig_text = find("ur10e").read_text() if rig_text is None else rig_text
-        self.answers: Callable[[dict[str, Any]], dict[str, Any]] = self.usual
-        self._path, self._ends = path, threading.Event()
+        self.answers = self.usual
+        self._path = path
         path.parent.mkdir(mode=0o700, exist_ok=True)
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(path))
         path.chmod(0o660)
         self._listener.listen()
-        self._open: list[socket.socket] = []
+        self._open = []
         threading.Thread(target=self._serve, daemon=True).start()
 
     def usual(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class FakeDaemon:
         lines = self.rig_text.splitlines() if request["rig"] else []
         return {"ok": True, "now_ns": now_ns, "streams": {"g1": stream}, "rig_lines": lines}
 
-    def stop(self) -> None:
+    def close(self) -> None:
         for sock in [self._listener, *self._open]:
             with suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
@@ -71,14 +71,10 @@ class FakeDaemon:
                 threading.Thread(target=self._answer, args=(sock,), daemon=True).start()
 
     def _answer(self, sock: socket.socket) -> None:
-        with suppress(OSError):
-            unread = b""
-            while received := sock.recv(65536):
-                unread += received
-                while b"\n" in unread:
-                    line, _, unread = unread.partition(b"\n")
-                    self.asked.append(json.loads(line))
-                    sock.sendall(json.dumps(self.answers(self.asked[-1])).encode() + b"\n")
+        with suppress(OSError), sock.makefile("rb") as lines:
+            for line in lines:
+                self.asked.append(json.loads(line))
+                sock.sendall(json.dumps(self.answers(self.asked[-1])).encode() + b"\n")
 
 
 @pytest.fixture
@@ -86,13 +82,11 @@ def path(tmp_path):
     return tmp_path / "rigd" / "ur10e.sock"
 
 
-@contextmanager
-def fake(path: Path, rig_text: str | None = None) -> Iterator[FakeDaemon]:
-    daemon = FakeDaemon(path, rig_text)
-    try:
-        yield daemon
-    finally:
-        daemon.stop()
+@pytest.fixture
+def watched(path):
+    """A daemon, and a source that watches it."""
+    with closing(FakeDaemon(path)) as daemon, DaemonSource(path) as source:
+        yield daemon, source
 
 
 def watched_until(source: DaemonSource, view: LiveView, shown: Callable[[LiveView], object]) -> LiveView:
@@ -105,66 +99,66 @@ def watched_until(source: DaemonSource, view: LiveView, shown: Callable[[LiveVie
     return view
 
 
-def test_samples_become_rows_and_each_is_asked_for_once(path):
-    with fake(path) as daemon, DaemonSource(path) as source:
-        view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and view.state)
-        assert view.cell.name == "ur10e"
-        assert view.readings["g1"].age_s < 5 and (np.diff(view.rows.t_s) > 0).all()
-        asked = [request for request in list(daemon.asked) if request["command"] == "samples"]
-        assert [request["rig"] for request in asked][:3] == [True, False, False]
-        assert [request["after"] for request in asked][:3] == [{}, {"g1": 2}, {"g1": 4}]
-        # Its whole state, which is dear, is asked for less often.
-        assert sum(request["command"] == "status" for request in list(daemon.asked)) < len(asked)
+def test_samples_become_rows_and_each_is_asked_for_once(watched):
+    daemon, source = watched
+    view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and view.state)
+    assert view.cell.name == "ur10e"
+    assert view.readings["g1"].age_s < 5 and (np.diff(view.rows.t_s) > 0).all()
+    asked = [request for request in list(daemon.asked) if request["command"] == "samples"]
+    assert [request["rig"] for request in asked][:3] == [True, False, False]
+    assert [request["after"] for request in asked][:3] == [{}, {"g1": 2}, {"g1": 4}]
+    # Its whole state, which is dear, is asked for less often.
+    assert sum(request["command"] == "status" for request in list(daemon.asked)) < len(asked)
 
 
-def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path):
-    with fake(path) as daemon, DaemonSource(path) as source:
+def test_a_further_gauge_is_shown_and_no_row_waits_for_it(watched):
+    daemon, source = watched
 
-        def once(request: dict[str, Any]) -> dict[str, Any]:
-            answer = daemon.usual(request)
-            if request["command"] == "samples" and "g3_g4" not in request["after"]:
-                rows = [[answer["now_ns"] - 10**10, 0.25, None], [answer["now_ns"] - 10**10 + 1, None, None]]
-                answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": rows}
-            elif request["command"] == "samples":
-                answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": []}
-            return answer
+    def once(request: dict[str, Any]) -> dict[str, Any]:
+        answer = daemon.usual(request)
+        if request["command"] == "samples" and "g3_g4" not in request["after"]:
+            rows = [[answer["now_ns"] - 10**10, 0.25, None], [answer["now_ns"] - 10**10 + 1, None, None]]
+            answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": rows}
+        elif request["command"] == "samples":
+            answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": []}
+        return answer
 
-        daemon.answers = once
-        view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and "g3" in view.readings)
-        assert view.readings["g3"].mm == 0.25 and 10 <= view.readings["g3"].age_s < 20 and "g4" not in view.readings
-        assert figures(view)["gauges"]["g3"]["mm"] == 0.25
-        assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
-
-
-def test_lost_daemon_is_awaited_and_its_values_stay(path):
-    with fake(path) as daemon, DaemonSource(path) as source:
-        view = watched_until(source, LiveView(), lambda view: view.cell and len(view.rows) > 3)
-        daemon.stop()
-        view = watched_until(source, view, lambda view: view.lost)
-        assert "waiting" in view.lost
-        before, cell = len(view.rows), view.cell
-        with fake(path):
-            view = watched_until(source, view, lambda view: not view.lost and len(view.rows) > before)
-        assert view.cell is cell  # the same rig file is not read again
+    daemon.answers = once
+    view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and "g3" in view.readings)
+    assert view.readings["g3"].mm == 0.25 and 10 <= view.readings["g3"].age_s < 20 and "g4" not in view.readings
+    assert figures(view)["gauges"]["g3"]["mm"] == 0.25
+    assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
 
 
-def test_an_older_rigd_is_named(path):
+def test_lost_daemon_is_awaited_and_its_values_stay(watched, path):
+    daemon, source = watched
+    view = watched_until(source, LiveView(), lambda view: view.cell and len(view.rows) > 3)
+    daemon.close()
+    view = watched_until(source, view, lambda view: view.lost)
+    assert "waiting" in view.lost
+    before, cell = len(view.rows), view.cell
+    with closing(FakeDaemon(path)):
+        view = watched_until(source, view, lambda view: not view.lost and len(view.rows) > before)
+    assert view.cell is cell  # the same rig file is not read again
+
+
+def test_an_older_rigd_is_named(watched):
     refusal = {"ok": False, "where": "rigd", "what": "unknown command 'samples'", "remedy": "x", "exit_code": 4}
-    with fake(path) as daemon, DaemonSource(path) as source:
-        daemon.answers = lambda request: STATUS if request["command"] == "status" else refusal
-        watched_until(source, LiveView(), lambda view: "older" in view.lost)
+    daemon, source = watched
+    daemon.answers = lambda request: STATUS if request["command"] == "status" else refusal
+    watched_until(source, LiveView(), lambda view: "older" in view.lost)
 
 
-def test_foreign_answer_is_reported_and_asked_again(path):
-    with fake(path) as daemon, DaemonSource(path) as source:
-        daemon.answers = lambda request: {"ok": True, "streams": {}}
-        watched_until(source, LiveView(), lambda view: "than rigd" in view.lost)
-        daemon.answers = daemon.usual
-        watched_until(source, LiveView(), lambda view: len(view.rows))
+def test_foreign_answer_is_reported_and_asked_again(watched):
+    daemon, source = watched
+    daemon.answers = lambda request: {"ok": True, "streams": {}}
+    watched_until(source, LiveView(), lambda view: "than rigd" in view.lost)
+    daemon.answers = daemon.usual
+    watched_until(source, LiveView(), lambda view: len(view.rows))
 
 
 def test_a_rig_file_that_cannot_be_read_leaves_the_readings(path):
-    with fake(path, "name: [") as _, DaemonSource(path) as source:
+    with closing(FakeDaemon(path, "name: [")), DaemonSource(path) as source:
         view = watched_until(source, LiveView(), lambda view: len(view.rows) > 2)
         assert view.cell is None and "g1" in view.readings
 
@@ -174,20 +168,20 @@ def test_without_a_daemon_it_does_not_begin(path):
         pass
 
 
-def test_a_refused_recording_is_a_notice(path):
+def test_a_refused_recording_is_a_notice(watched):
     refusal = {"ok": False, "where": "g1", "what": "no reading", "remedy": "fix it", "exit_code": 4}
-    with fake(path) as daemon, DaemonSource(path) as source:
-        daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
-        assert source.handle_action("pause")
-        assert source.handle_action(StartRecording(RecordingLabel("lap", "radial", None)))
-        assert source.handle_action("stop")
-        notices: list[str] = []
+    daemon, source = watched
+    daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
+    assert source.handle_action("pause")
+    assert source.handle_action(StartRecording(RecordingLabel("lap", "radial", None)))
+    assert source.handle_action("stop")
+    notices = []
 
-        def told(view: LiveView) -> bool:
-            notices.extend(update.notice for update in source.updates() if update.notice)
-            return notices.count("g1: no reading; fix it") == 2
+    def told(view: LiveView) -> bool:
+        notices.extend(update.notice for update in source.updates() if update.notice)
+        return notices.count("g1: no reading; fix it") == 2
 
-        watched_until(source, LiveView(), told)
+    watched_until(source, LiveView(), told)
 
 
 def test_values_that_are_not_there_are_left_out():

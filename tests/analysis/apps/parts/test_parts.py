@@ -14,7 +14,7 @@ from analysis.apps.parts.solid import turned
 from rigs.arms import load_arm
 from rigs.load import load, parse
 from rigs.rig import Rig
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, ran, succeeded
 from tests.support.refusals import refused
 
 TOUCH = "{sockets: [A, B, C, D], ball_mm: [30, 0, -90], distances: [{between: [A, B], distance_mm: 120}]}"
@@ -128,23 +128,22 @@ def test_the_drawing_is_true_to_scale_and_names_each_part():
 
 
 def test_the_picture_of_the_page_is_the_drawing():
-    kept = (Path(__file__).parents[4] / "docs" / "images" / "parts.svg").read_text(encoding="utf-8")
+    kept = (Path(__file__).parents[4] / "docs" / "images" / "parts.svg").read_text()
     assert kept == drawing(parts_of(rig_with(), Bought()), "so: parts to print, mm")
 
 
 def test_the_command_writes_them_and_the_line_of_a_measured_bar(tmp_path):
     rig = tmp_path / "so.yaml"
-    rig.write_text(TEXT, encoding="utf-8")
-    done = ran("parts", str(rig), "-o", str(tmp_path / "parts"))
-    assert done.returncode == 0
+    rig.write_text(TEXT)
+    succeeded(f"parts {rig} -o {tmp_path}/parts")
     written = {file.name for file in (tmp_path / "parts").iterdir()}
     assert written == {"holder.stl", "socket.stl", "bar.stl", "parts.svg", "parts.md"}
-    again = ran("parts", str(rig), "-o", str(tmp_path / "parts"))
+    again = ran(f"parts {rig} -o {tmp_path}/parts")
     assert again.returncode != 0
     assert "exists already" in again.stderr
-    measured = ran("parts", str(rig), "--over-balls-mm", "139.96", "--u-mm", "0.03")
+    measured = ran(f"parts {rig} --over-balls-mm 139.96 --u-mm 0.03")
     assert measured.stdout.strip() == "distances: [{between: [A, B], distance_mm: 119.96, u_mm: 0.03}]"
     changed = re.sub(r"distances: \[.*\]", measured.stdout.strip(), TEXT)
     assert parse(changed, "so.yaml").tests.touch.distances[0].distance_mm == 119.96
     for bad in (["--magnet-mm", "10"], ["--magnet-mm", "a,b"], ["--over-balls-mm", "15"], []):
-        assert ran("parts", str(rig), *bad).returncode == 2
+        errors_of("parts", str(rig), *bad, exit_code=2)

@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +11,13 @@ from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.tables import TouchTable
 from rigs.arms import load_arm
 from rigs.calibration import packed_factor
-from rigs.effects import Effect, JointOffset, LinkGeometry
+from rigs.effects import JointOffset, LinkGeometry
 from rigs.load import load, parse
-from tests.support.command_line import ran
+from tests.support.changed_rigs import with_tests
+from tests.support.command_line import failure_of, json_of
 from tests.support.handmade_calibration import calibrated_model, written
 
-ERRORS: tuple[tuple[Effect, float], ...] = (
+ERRORS = (
     (JointOffset(axis=3, offset_deg=0.2), 1.0),
     (JointOffset(axis=5, offset_deg=0.2), 1.0),
     (LinkGeometry(axis=3, field="a", delta=1.0), 1.0),
@@ -71,11 +71,9 @@ def test_readings_end_when_they_change_less_than_a_tenth_of_the_error(tmp_path, 
     model = calibrated_model(ERRORS, factor=packed_factor(known * np.diag([1e-3, 1, 1, 1])))
     rig = load(written(tmp_path, model)[0])[0]
     q = np.radians(np.random.default_rng(0).uniform(-25, 25, (20, 6)))
-    tests = rig.tests.model_copy(update={"circle": None})
-    tracked = rig.model_copy(update={"tests": tests}).calibrated_as(rig)
+    tracked = with_tests(rig, circle=None).calibrated_as(rig)
     step = next_step(tracked, (q, forward(arm_of(rig.robot), q)))
     assert (step.act, step.reading.kind, step.is_validated) == (act, "pose", True)
-    assert step.now_mm is not None
     assert step.many_mm <= step.next_mm <= step.corrected_mm < step.now_mm
     assert 0 <= step.of_family < 1
 
@@ -90,16 +88,13 @@ def test_work_area_outside_the_measured_region_is_measured_with_circles(tmp_path
 
 def test_arm_without_readings_is_measured_first_for_the_given_targets(tmp_path):
     (tmp_path / "targets.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n20,-80,90,-100,-90,0\n")
-    asked = ("--next", "--targets", "targets.csv", "--tracker", "2500,0,800", "--json")
-    done = ran("plan", "ur10e", *asked, cwd=tmp_path)
-    found = json.loads(done.stdout)
+    found = json_of("plan ur10e --next --targets targets.csv --tracker 2500,0,800", cwd=tmp_path)
     assert (found["act"], found["now_mm"], found["of_family"]) == ("measure", None, 1.0)
     assert len(found["q_deg"]) == 6
     assert (found["reading"], found["socket"], found["circle"]) == ("pose", None, None)
     assert found["many_mm"] < found["next_mm"] < found["corrected_mm"]
     assert 1 <= found["worthwhile"] <= found["many"] == 20
-    wrong = ran("plan", "ur10e", "--targets", "targets.csv", "--json", cwd=tmp_path)
-    assert json.loads(wrong.stderr)["error"]["code"] == "plan.option"
+    assert failure_of("plan ur10e --targets targets.csv", cwd=tmp_path)[1] == "plan.option"
 
 
 TOUCHED = parse(f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B]}}}}\n", "cell.yaml")
@@ -119,7 +114,6 @@ def test_each_touch_leaves_fewer_that_are_worth_their_time():
     steps = [
         next_touch(TOUCHED, TouchTable(touches.socket[:count], touches.q[:count]), "A") for count in (2, len(touches.q))
     ]
-    assert steps[0] is not None and steps[1] is not None
     assert (steps[0].act, steps[0].reading.socket) == ("measure", "A")
     assert [step.taken for step in steps if step] == [2, len(touches.q)]
     assert steps[1].worthwhile < steps[0].worthwhile

@@ -1,41 +1,30 @@
-import io
-import json
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from rich.console import Console
-from scipy.optimize import minimize_scalar
-from typer.testing import CliRunner
 
 from analysis.apps.planning.detectability import detectabilities_of, plan
 from analysis.apps.planning.plan_report import answer_of
-from analysis.apps.report.blocks import on_screen
-from analysis.cli import app
-from analysis.diagnosis.evidence.observation import observe_run, rms
-from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import background_of
 from analysis.diagnosis.fit.candidates import HEALTHY, columns_for
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.diagnosis.plan.further_tests import PossibleTest, further_tests, possible_tests, sigma_between
-from analysis.procedures.simulate import simulate
-from analysis.robot.predict import model_of
 from rigs.arms import load_arm
-from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
-from rigs.errors import FileError, UseError
-from rigs.rig import Rig
+from rigs.effects import Backlash, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
+from rigs.errors import FileError
 from rigs.schema.declared_tests import KnownSocketDistance, Touch
 from rigs.schema.effect import name_of, scaled, size_of
 from rigs.schema.vocabulary import TestName
-from tests.support.command_line import ran
+from tests.support.answers import printed
+from tests.support.changed_rigs import with_circle, with_robot, with_tests
+from tests.support.command_line import failure_of, json_of, ran
 from tests.support.diagnosis_cells import RIG, plan_of_circles, plan_without_further_tests
 from tests.support.nightly import cases
 
-NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
-CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
-ZERO_5 = JointOffset(axis=5, offset_deg=0.02)
+NO_CIRCLE = with_tests(RIG, circle=None)
+CIRCLE = ("yaw", "roll")
 FAULTS = [JointOffset(axis=5, offset_deg=0.1), LinkGeometry(axis=6, field="a", delta=1.0)]
 
 
@@ -55,25 +44,13 @@ def _beside_a_hemisphere() -> list[PossibleTest]:
     return possible_tests(NO_CIRCLE, ("radial",), *planned_blocks(NO_CIRCLE, ("radial",), 3))[0]
 
 
-APART = KnownSocketDistance(between=("A", "B"), distance_mm=100.0)
-
-
 def test_80_columns_hold_every_size_of_the_table_of_joints_whole():
     circle_alone = plan_without_further_tests()
-    console = Console(width=80, file=io.StringIO())
-    with console.capture() as shown:
-        console.print(on_screen(answer_of(circle_alone)))
-    joints = shown.get().partition("links")[2].partition("Other errors")[0]
+    joints = printed(answer_of(circle_alone)).partition("links")[2].partition("Other errors")[0]
     assert "…" not in joints
     for one in circle_alone.detectabilities:
         if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:
             assert f"{one.limit:.2g}" in joints, one.name
-
-
-def _with_circle(**changed: object) -> Rig:
-    assert RIG.tests.circle
-    circle = RIG.tests.circle.model_copy(update=changed)
-    return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
 
 
 def test_another_radius_separates_the_zero_of_axis_5_from_a5(
@@ -89,22 +66,6 @@ def test_another_radius_separates_the_zero_of_axis_5_from_a5(
     # Neither speed nor place nor repeats do.
     for test in ("circle at 100 mm/s", "circle 100 mm nearer to axis 1", "repeatability"):
         assert helps[test] < min(SEPARABLE, helps[larger]), test
-
-
-def _left_um(rig: Rig, a5: Effect) -> float:
-    """Rms in µm of the error of axis 5's zero on a circle that a5 and a fitted set-up do not explain."""
-    run = observe_run(model_of(rig, (a5,)), simulate(rig, "yaw", "acw", None, (ZERO_5,)), "yaw")
-    return rms(fit_run_setups([run])[1]) * 1e3
-
-
-def test_fit_agrees_on_similar_and_separated_effects():
-    nearest = minimize_scalar(lambda delta: _left_um(RIG, LinkGeometry(axis=6, field="a", delta=delta)) ** 2)
-    a5 = LinkGeometry(axis=6, field="a", delta=float(nearest.x))
-    second = _with_circle(radius_mm=140.0, centre_mm=(831.2, -78.4, 273.2))
-    assert _left_um(RIG, LinkGeometry(axis=6, field="a")) > 10
-    assert _left_um(RIG, a5) < 0.2
-    assert _left_um(_with_circle(speed_mm_s=100.0), a5) < 0.2
-    assert _left_um(second, a5) > 1
 
 
 def test_absorbed_and_effectless_errors_have_a_reason(
@@ -171,7 +132,7 @@ def test_eccentric_ball_makes_axis_6_detectable(circle_alone):
 def test_undrivable_test_is_reported_and_not_advised(monkeypatch):
     monkeypatch.setattr("analysis.diagnosis.plan.further_tests.ExpectedPosterior", lambda *_: None)
     slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
-    rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
+    rig = with_robot(RIG, axes=tuple(slow))
     found, impossible = possible_tests(rig, ("roll",), *planned_blocks(rig, ("roll",), 3))
     ((test, reason),) = impossible
     assert test == "circle at 100 mm/s" and "80°/s" in reason
@@ -197,7 +158,7 @@ def test_effects_of_a_pose_test_are_separated_by_programmed_tests():
 
 def test_a_circle_that_cannot_be_driven_is_refused():
     with pytest.raises(FileError, match="limits"):
-        plan(_with_circle(radius_mm=140.0), CIRCLE)
+        plan(with_circle(RIG, radius_mm=140.0), CIRCLE)
 
 
 def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
@@ -206,13 +167,13 @@ def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
         lambda *_: replace(circle_alone, impossible=(("a flight", "no wings"),)),
     )
     monkeypatch.setenv("COLUMNS", "140")
-    told = ran("plan", "paper-fanuc", "--tests", "yaw,roll")
+    told = ran("plan paper-fanuc --tests yaw,roll")
     assert "further test: hemisphere (radial)" in told.stdout
     assert "length a of axis 6 (a5)" in told.stdout
     assert " a flight: no wings" in told.stdout
     assert "Assumed noise" in told.stdout and "24.5 µm" in " ".join(told.stdout.split())
     assert "of 92 possible errors" in told.stdout  # a gear is one name, regardless of its orders
-    found = json.loads(ran("plan", "paper-fanuc", "--tests", "yaw,roll", "--json").stdout)
+    found = json_of("plan paper-fanuc --tests yaw,roll")
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}
     assert by_name["joint_offset 1"]["limit"] is None
@@ -220,13 +181,11 @@ def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
 
 
 def test_unmeasured_socket_distance_is_a_further_test():
-    touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
-    rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
-    words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]
-    assert [[text for text in each if "between A and B (tests.touch.distances)" in text] != [] for each in words] == [
-        True,
-        False,
-    ]
+    apart = KnownSocketDistance(between=("A", "B"), distance_mm=100.0)
+    for distances in ((), (apart,)):
+        rig = with_tests(RIG, touch=Touch(sockets=("A", "B"), distances=distances))
+        words = "\n".join(further.choices[0][0] for further in further_tests(rig, ("touch",)))
+        assert ("between A and B (tests.touch.distances)" in words) == (not distances)
 
 
 def test_plan_of_touches_names_neither_circles_nor_gauges(tmp_path, monkeypatch):
@@ -234,13 +193,10 @@ def test_plan_of_touches_names_neither_circles_nor_gauges(tmp_path, monkeypatch)
     (tmp_path / "cell.yaml").write_text(
         f"name: cell\n{load_arm('franka-fr3').text}tests: {{touch: {{sockets: [A, B]}}}}\n"
     )
-    said = ran("plan", tmp_path / "cell.yaml", "--tests", "touch").stdout
+    said = ran(f"plan {tmp_path}/cell.yaml --tests touch").stdout
     assert "touch: 3 runs" in said
     assert not [word for word in ("circle", "gauge") if word in said]
 
 
 def test_an_unknown_test_is_refused_in_one_line():
-    done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
-    assert isinstance(done.exception, UseError)
-    known = "yaw,roll,radial,repeatability,touch"
-    assert done.exception.code == "request.unknown_test" and known in str(done.exception)
+    assert failure_of("plan paper-fanuc --tests yaw,jaw") == (2, "request.unknown_test")

@@ -1,5 +1,3 @@
-import csv
-import io
 from itertools import pairwise
 
 import numpy as np
@@ -13,10 +11,11 @@ from analysis.robot.geometry.clearance import is_clear
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.tables import PoseTable
 from rigs.load import load
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, succeeded
 from tests.support.foreign_tables import rows, text
 from tests.support.nightly import cases
 from tests.support.refusals import refused
+from tests.support.written_files import JOINTS, numbers_in
 from tests.worlds.arms.independent_arm import constants_of, flange, healthy
 
 RIG = load("ur10e")[0]
@@ -75,22 +74,18 @@ def test_a_tracker_that_sees_nothing_is_refused():
 @pytest.mark.parametrize("maker", cases(("ur", "fanuc", "kuka", "abb", "yaskawa"), ("fanuc",)))
 def test_the_planned_table_and_a_tracker_s_become_a_run(maker, tmp_path, monkeypatch):
     monkeypatch.setattr(pose_plan, "_POOL", 50)
-    done = ran("plan", "ur10e", "--poses", "14", "--for", maker, "--tracker", "2500,0,800", "-o", tmp_path / "p")
-    assert done.returncode == 0, done.stderr
+    done = succeeded(f"plan ur10e --poses 14 --for {maker} --tracker 2500,0,800 -o {tmp_path}/p")
     assert "random poses" in done.stdout and len(list((tmp_path / "p").iterdir())) > 1
-    table = (tmp_path / "p" / "poses.csv").read_text()
-    found = list(csv.DictReader(io.StringIO(table)))
-    q = np.radians([[float(row[f"q{k}_deg"]) for k in range(1, 7)] for row in found])
+    q = np.radians(numbers_in(tmp_path / "p" / "poses.csv", *JOINTS))
     assert 12 <= len(q) <= 14
-    nominal = np.array([[float(row[f"nominal_{axis}_mm"]) for axis in "xyz"] for row in found])
+    nominal = numbers_in(tmp_path / "p" / "poses.csv", "nominal_x_mm", "nominal_y_mm", "nominal_z_mm")
     assert np.abs(nominal - places(q)).max() < 0.01
     rng = np.random.default_rng(6)
     R, p = flange(constants_of("ur10e"), healthy(rng), q)
     seen = p + R @ np.array([10.0, 0.0, 90.0]) + [400.0, 300.0, 0.0]
     (tmp_path / "tracker.csv").write_bytes(text(rows(seen), ["X [mm]", "Y [mm]", "Z [mm]"]))
     files = (tmp_path / "tracker.csv", tmp_path / "p" / "poses.csv")
-    done = ran("import", *files, "--join", "rows", "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+    succeeded("import", *files, "--join", "rows", "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run")
     read = load_run(tmp_path / "run").table
     assert (
         isinstance(read, PoseTable) and np.allclose(read.q, q, atol=1e-6) and np.allclose(read.xyz_mm, seen, atol=1e-5)
@@ -100,13 +95,12 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker, tmp_path, monkeyp
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--poses", "12", "--for", "ur"), "output"),
-        (("--poses", "12", "--tracker", "here"), "is not a position"),
-        (("--poses", "12", "--faces", "z"), "position of"),
-        (("--poses", "12", "--propose"), "combined"),
-        (("--for", "ur"), "--for, --tracker, --faces and --one-axis require --poses"),
+        ("--poses 12 --for ur", "output"),
+        ("--poses 12 --tracker here", "is not a position"),
+        ("--poses 12 --faces z", "position of"),
+        ("--poses 12 --propose", "combined"),
+        ("--for ur", "--for, --tracker, --faces and --one-axis require --poses"),
     ],
 )
 def test_contradicting_options_are_refused(options, says):
-    done = ran("plan", "ur10e", *options)
-    assert done.returncode == 2 and says in " ".join(done.stderr.replace("│", " ").split())
+    assert says in " ".join(errors_of(f"plan ur10e {options}", exit_code=2).replace("│", " ").split())

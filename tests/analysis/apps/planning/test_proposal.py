@@ -1,30 +1,24 @@
-import json
-
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from analysis.apps.planning import proposal as proposals
 from analysis.apps.planning.proposal import (
-    CircleCandidate,
     CircleProposal,
     circle_candidates,
     propose,
 )
 from analysis.apps.planning.proposal_report import write
-from analysis.cli import app
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
-from rigs.errors import FileError, RigError, UseError
+from rigs.errors import FileError, RigError
 from rigs.load import load
-from rigs.rig import Rig
-from rigs.schema.vocabulary import TestName
-from tests.support.command_line import ran
+from tests.support.changed_rigs import with_tests
+from tests.support.command_line import errors_of, json_of, succeeded
 from tests.support.made_once import made_once
 from tests.support.refusals import refused
 
 RIG, TEXT = load("paper-fanuc")
-CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
+CIRCLE = ("yaw", "roll")
 SEVERAL = ("100 mm nearer to axis 1, radius 140 mm", "ball 40 mm off axis 6")
 
 
@@ -62,7 +56,6 @@ def test_candidates_start_at_their_posture_and_take_time(every):
     assert len({one.words for one in every}) == len(every)
     for one in every[::7]:
         program = circle_program(one.rig, "acw")
-        assert one.rig.tests.circle
         np.testing.assert_allclose(np.degrees(program.q[0]), one.rig.tests.circle.posture_deg, atol=0.01)
         assert one.minutes == pytest.approx(10 + 2 * 2 * 3 * program.t_s[-1] / 60, rel=1e-6)
 
@@ -98,7 +91,7 @@ def test_hidden_errors_of_one_circle_propose_ball_offset_and_radius(
     proposed,
 ):
     words = [one.candidate.words for one in proposed.circles]
-    assert "ball 40 mm off axis 6" in words
+    assert "ball 40 mm off axis 6" in words and len(set(words)) == len(words)
     testable = {name for one in proposed.circles for name in one.testable}
     assert "reversal_spike 6" in testable
     assert len(proposed.after.undetectable) < len(proposed.before.undetectable)
@@ -131,34 +124,17 @@ def test_command_prints_circles_and_next_step(proposed, tmp_path, monkeypatch):
     monkeypatch.setattr(proposals, "propose", lambda *_: proposed)
     monkeypatch.setenv("COLUMNS", "140")
     out = tmp_path / "circles"
-    done = ran("plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "-o", out)
-    assert done.returncode == 0, done.stderr
+    done = succeeded(f"plan paper-fanuc --tests yaw,roll --propose -o {out}")
     assert "1. " in done.stdout and "detectable" in done.stdout
     first = out / "paper-fanuc-circle-1.yaml"
     assert f"next: rig program {first} --for fanuc --test yaw -o programs\n" in done.stderr
-    asked = ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "--json"]
-    found = json.loads(ran(*asked).stdout)
+    found = json_of("plan paper-fanuc --tests yaw,roll --propose")
     assert found["circles"][0]["words"] == proposed.circles[0].candidate.words
     assert len(found["after"]["not_testable"]) < len(found["before"]["not_testable"])
 
 
-def _without_circle() -> Rig:
-    return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
-
-
 def test_wrong_use_is_one_line(tmp_path):
-    for options, told in (
-        (["-o", str(tmp_path)], "--output: "),
-        (["--propose", "--tests", "radial"], "--tests: "),
-    ):
-        done = CliRunner().invoke(app, ["plan", "paper-fanuc", *options])
-        assert isinstance(done.exception, UseError)
-        (line,) = done.exception.lines()
-        assert line.startswith(told)
+    for options, told in (f"-o {tmp_path}", "--output"), ("--propose --tests radial", "--tests"):
+        assert errors_of(f"plan paper-fanuc {options}", exit_code=2).startswith(f"error: {told}: ")
     with refused("plan.no_circle"):
-        propose(_without_circle(), CIRCLE, 3, 60.0)
-
-
-def test_the_same_circle_is_not_proposed_twice(proposed):
-    chosen: list[CircleCandidate] = [one.candidate for one in proposed.circles]
-    assert len({one.words for one in chosen}) == len(chosen)
+        propose(with_tests(RIG, circle=None), CIRCLE, 3, 60.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.apps.plant.changes import trend_of
+from analysis.apps.plant.changes import Trend, trend_of
 from analysis.robot.kinematics.arm import Array
 
 SERIES = 30
@@ -17,8 +17,12 @@ def scatter(seed: int, count: int) -> Array:
     return rng.standard_t(5, count) + 0.5 * slow
 
 
+def trend(values: Array, u: float = 0.5) -> Trend:
+    return trend_of(values, np.full(len(values), u), SERIES)
+
+
 def found(values: Array) -> list[tuple[int, int]]:
-    return [(one.first, one.last) for one in trend_of(values, np.full(len(values), 0.5), SERIES).changes]
+    return [(one.first, one.last) for one in trend(values).changes]
 
 
 @pytest.mark.parametrize("count", [12, 80, 300])
@@ -28,7 +32,7 @@ def test_runs_that_only_scatter_have_no_change(count):
 
 def test_a_step_is_found_at_its_run_with_both_levels():
     values = scatter(1, 120) + 8.0 * (np.arange(120) >= 70)
-    (change,) = trend_of(values, np.full(120, 0.5), SERIES).changes
+    (change,) = trend(values).changes
     assert change.first == pytest.approx(69, abs=1) and change.last == pytest.approx(70, abs=1)
     assert change.before == pytest.approx(0, abs=1) and change.after == pytest.approx(8, abs=1)
     assert 0.05 < change.u < 1 and change.chance < 1e-6 and not change.is_last
@@ -42,7 +46,7 @@ def test_two_steps_are_both_found():
 
 def test_slow_growth_has_its_begin_and_goes_on():
     values = scatter(3, 200) + 12.0 * np.clip((np.arange(200) - 100) / 99, 0, 1)
-    (change,) = trend_of(values, np.full(200, 0.5), SERIES).changes
+    (change,) = trend(values).changes
     assert 85 <= change.first <= 115 and change.last >= 180
     assert change.after - change.before == pytest.approx(12, abs=3)
 
@@ -54,28 +58,28 @@ def test_step_is_found_if_most_runs_repeat_a_value():
     rounded = np.round(scatter(5, 60) / 3 + 8.0 * (np.arange(60) >= 40)) // 4 * 4
     (change,) = found(rounded)
     assert change == pytest.approx((39, 40), abs=1)
-    assert trend_of(stepped, np.full(40, 0.003), SERIES).spread == 0
-    assert not trend_of(stepped, np.zeros(40), SERIES).changes  # where nobody knows how well a run is known
+    assert trend(stepped, 0.003).spread == 0
+    assert not trend(stepped, 0).changes  # where nobody knows how well a run is known
 
 
 def test_a_few_small_values_among_zeros_are_no_change():
     rng = np.random.default_rng(5)
     floored = np.maximum(rng.normal(-1.6, 1.0, (40, 60)), 0.0)
-    assert [trend_of(one, np.full(60, 0.5), SERIES).changes for one in floored].count(()) >= 39
+    assert [trend(one).changes for one in floored].count(()) >= 39
 
 
 @pytest.mark.parametrize("u", [0.0, 0.05, 0.2, 1.0])
 def test_values_read_in_two_steps_are_no_change(u):
     rounded = np.round(np.random.default_rng(7).normal(0.5, 0.5, (60, 30)))
-    assert [trend_of(one, np.full(30, u), SERIES).changes for one in rounded].count(()) >= 59
+    assert [trend(one, u).changes for one in rounded].count(()) >= 59
 
 
 @pytest.mark.parametrize("wild", [[40], [40, 41], [0], [79], [10, 30, 60]])
 def test_wild_runs_are_no_change_and_are_named(wild):
     values = scatter(4, 80)
     values[wild] += 40.0
-    trend = trend_of(values, np.full(80, 0.5), SERIES)
-    assert not trend.changes and trend.wild[wild].all() and trend.wild.sum() <= len(wild) + 3
+    seen = trend(values)
+    assert not seen.changes and seen.wild[wild].all() and seen.wild.sum() <= len(wild) + 3
 
 
 def test_a_wild_run_does_not_hide_a_step():
@@ -100,4 +104,4 @@ def test_more_figures_make_each_harder_to_believe():
 
 def test_the_spread_is_that_between_runs_and_not_of_the_change():
     values = np.random.default_rng(7).standard_normal(300) + 50.0 * (np.arange(300) >= 150)
-    assert trend_of(values, np.full(300, 0.5), SERIES).spread == pytest.approx(1.0, rel=0.2)
+    assert trend(values).spread == pytest.approx(1.0, rel=0.2)

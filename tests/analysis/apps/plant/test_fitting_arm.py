@@ -3,6 +3,7 @@ import numpy as np
 from analysis.apps.plant.fitting_arm import fitting_arm
 from analysis.runs.loading import Measured
 from rigs.load import load
+from tests.support.changed_rigs import with_robot
 from tests.support.pose_runs import pose_run
 from tests.support.refusals import refused
 from tests.worlds.arms.independent_arm import cell, none, postures
@@ -22,6 +23,6 @@ def test_equal_arms_are_indistinguishable():
 
 
 def test_an_arm_of_other_axes_is_refused():
-    robot = RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5], "coupling": None})
+    five = with_robot(RIG, axes=RIG.robot.axes[:5], coupling=None)
     with refused("compare.axes"):
-        fitting_arm([_poses()], [("five.yaml", RIG.model_copy(update={"robot": robot})), ("ur10e.yaml", RIG)])
+        fitting_arm([_poses()], [("five.yaml", five), ("ur10e.yaml", RIG)])

@@ -13,7 +13,6 @@ from analysis.procedures.shared.quantity import Quantity
 from daq.store import mark_kept
 from rigs.schema.limits import Limits
 from tests.support.plant_runs import known_robot, write_visits
-from tests.support.refusals import refused
 
 VISITS = 12
 
@@ -147,17 +146,6 @@ def test_a_catalogue_damaged_within_is_rebuilt(plant, file):
     again = gathered(plant, file)
     assert (again.robots, len(again.notes)) == (first.robots, 1)
     assert gathered(plant, file).examined == 0
-
-
-def test_a_plant_without_runs_is_refused(tmp_path, file):
-    (tmp_path / "empty").mkdir()
-    for directory, code in ((tmp_path / "empty", "run.none"), (tmp_path / "nowhere", "file.missing")):
-        with refused(code):
-            gathered(directory, file)
-
-
-def test_several_processes_find_the_same(plant, file, tmp_path):
-    assert gathered(plant, file, jobs=2).robots == gathered(plant, tmp_path / "other.sqlite").robots
 
 
 def test_robots_that_another_command_finds_meanwhile_are_its_own(plant, file):

@@ -1,6 +1,5 @@
 import csv
 import io
-import json
 import re
 import shutil
 from dataclasses import replace
@@ -8,17 +7,14 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from analysis import cli
 from analysis.apps.plant.history import history_of, remarks, sentences
 from analysis.apps.plant.history_report import write_page
 from rigs.errors import FileError
-from rigs.load import SHIPPED
-from tests.support import command_line
+from tests.support.changed_rigs import shipped
+from tests.support.command_line import errors_of, failure_of, json_of, succeeded
 from tests.support.dated_runs import dated_run
 from tests.support.figure_histories import GREW, STILL, collected
-from tests.support.refusals import refused
 
 
 @pytest.fixture(scope="module")
@@ -26,22 +22,20 @@ def runs(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
     for day in range(10):
         dated_run(directory, day, 0.01 if day < 5 else 0.02)
-    (directory / "odd").mkdir()
-    (directory / "odd" / "manifest.json").write_text("{")
+    (directory / "deeper" / "odd").mkdir(parents=True)
+    (directory / "deeper" / "odd" / "manifest.json").write_text("{")
     return directory
 
 
-def ran(*arguments: str | Path) -> str:
-    done = CliRunner().invoke(cli.app, [str(one) for one in arguments], env={"COLUMNS": "100"}, catch_exceptions=False)
-    assert done.exit_code == 0
-    return done.stdout
+def printed(*words: str | Path) -> str:
+    return succeeded(*words, COLUMNS="100").stdout
 
 
 def test_recorded_files_become_a_sentence_a_table_and_a_page(runs, tmp_path):
     page = tmp_path / "page.html"
-    shown = " ".join(ran("history", "ur10e", "--runs", runs, "-o", page).split())
+    shown = " ".join(printed(f"history ur10e --runs {runs} -o {page}").split())
     assert re.search(r"axis 3 rose from 0\.010?\d* to 0\.0[12]\d* ° between 5 and 6 May 2026", shown)
-    assert re.search("1 run .*: odd: ", shown)
+    assert re.search("1 run .*: deeper/odd: ", shown)
     html = page.read_text()
     assert html.count("<svg") >= 5 and "axis 3 rose" in html
     assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html))  # needs no other file
@@ -49,75 +43,68 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs, tmp_path):
 
 def test_limit_is_in_table_and_page_with_its_day(runs, tmp_path):
     limited = tmp_path / "limited.yaml"
-    shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
-    limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
+    limited.write_text(yaml.safe_dump(shipped() | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
     page = tmp_path / "page.html"
-    shown = " ".join(ran("history", "ur10e", "--runs", runs, "--rig", limited, "-o", page).split())
+    shown = " ".join(printed(f"history ur10e --runs {runs} --rig {limited} -o {page}").split())
     told = "0.02 mm since 1 May 2026 (run 000-acw)"
     assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
     assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
-    limited.write_text(yaml.safe_dump(shipped | {"limits": {}}))
-    assert "limit" not in ran("history", "ur10e", "--runs", runs, "--rig", limited)  # this rig file has none
+    limited.write_text(yaml.safe_dump(shipped() | {"limits": {}}))
+    assert "limit" not in printed(f"history ur10e --runs {runs} --rig {limited}")  # this rig file has none
 
 
 def test_json_and_csv_hold_every_point(runs):
-    answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--figure", "play_j3_deg"))
+    answer = json_of(f"history ur10e --runs {runs} --figure play_j3_deg")
     (series,) = answer["series"]
     assert [point["run"] for point in series["points"]] == [f"{day:03d}-acw" for day in range(10)]
     assert (series["changes"][0]["after_run"], series["changes"][0]["by_run"]) == ("004-acw", "005-acw")
-    assert set(answer["without_figures"]) == {"odd"}
-    rows = list(csv.DictReader(io.StringIO(ran("history", "ur10e", "--runs", runs, "--csv"))))
+    assert set(answer["without_figures"]) == {"deeper/odd"}
+    rows = list(csv.DictReader(io.StringIO(printed(f"history ur10e --runs {runs} --csv"))))
     own = [row for row in rows if row["figure"] == "play_j3_deg"]
     assert [float(row["value"]) for row in own] == [point["value"] for point in series["points"]]
 
 
 def test_since_and_figure_select_and_unknown_ones_are_refused(runs):
-    answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--since", "2026-05-08"))
+    answer = json_of(f"history ur10e --runs {runs} --since 2026-05-08")
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
     assert all("limit" in sentence for sentence in answer["sentences"])  # no change is found in so few
     for options, code in (
-        (["--since", "2027-01-01"], "history.no_figures"),
-        (["--figure", "nothing"], "history.unknown_figure"),
-        (["--json", "--csv"], "history.option"),
+        (f"ur10e --runs {runs} --since 2027-01-01", "history.no_figures"),
+        (f"ur10e --runs {runs} --figure nothing", "history.unknown_figure"),
+        (f"ur10e --runs {runs} --csv", "history.option"),
+        (runs, "history.directory"),
     ):
-        with refused(code):
-            ran("history", "ur10e", "--runs", runs, *options)
-    with refused("history.directory"):
-        ran("history", runs)
+        assert failure_of(f"history {options}")[1] == code
 
 
 def test_a_page_has_the_name_of_a_page(runs, tmp_path):
     letter = tmp_path / "letter.txt"
     letter.write_text("Dear all,")
-    done = command_line.ran("history", "ur10e", "--runs", runs, "-o", letter)
-    assert done.returncode == 2
+    errors_of(f"history ur10e --runs {runs} -o {letter}", exit_code=2)
     assert letter.read_text() == "Dear all,"
 
 
 def test_a_copy_is_no_run_after_a_repair(runs, tmp_path):
     run = next(path for path in sorted(runs.iterdir()) if path.is_dir())
     copy = shutil.copytree(run, tmp_path / "copy")
-    for words in (("compare", run, "--against", copy), ("calibrate", run, "--hold-out", copy, "--fit", "backlash:1")):
-        done = command_line.ran(*words)
-        assert done.returncode == 3 and "copy" in done.stderr
+    for words in (f"compare {run} --against {copy}", f"calibrate {run} --hold-out {copy} --fit backlash:1"):
+        assert "copy" in errors_of(words)
 
 
 def test_compare_takes_every_run_after_against(runs):
     after, before = ([runs / f"{day:03d}-acw" for day in days] for days in ((7, 8, 9), (0, 1, 2)))
-    answer = json.loads(ran("compare", *after, "--against", *before, "--json"))
+    answer = json_of("compare", *after, "--against", *before)
     larger = {one["figure"] for one in answer["differences"] if one["is_larger"]}
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
-    assert "acw rose" in " ".join(ran("compare", *after, "--against", *before).split())
-    with refused("compare.option"):
-        ran("compare", *after, "--rig", "ur10e", "--against", *before)
+    assert "acw rose" in " ".join(printed("compare", *after, "--against", *before).split())
+    assert failure_of("compare", *after, "--rig", "ur10e", "--against", *before)[1] == "compare.option"
 
 
 def test_options_with_runs_of_a_comparison_take_urls(runs):
     for option in ("--against", "--unseen"):
-        with refused("url.form"):
-            ran("compare", runs / "000-acw", option, "s3:///nowhere")
+        assert failure_of(f"compare {runs}/000-acw {option} s3:///nowhere")[1] == "url.form"
 
 
 def test_change_shown_by_several_tests_is_one_sentence():

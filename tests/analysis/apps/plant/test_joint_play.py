@@ -3,9 +3,10 @@ import pytest
 from analysis import evaluate, simulate
 from analysis.apps.plant.joint_play import joint_plays
 from rigs.effects import Backlash, TransmissionError
+from tests.support.every import both_ways
 
 
-@pytest.mark.parametrize("direction", ["acw", "cw"])
+@both_ways
 @pytest.mark.parametrize(("axis", "width_deg"), [(1, 0.010), (1, 0.024), (3, 0.012)])
 def test_a_play_is_found_at_its_joint(axis, width_deg, direction):
     wave = TransmissionError(axis=2, order=1, amplitude_deg=0.01)
@@ -31,7 +32,7 @@ def test_other_tests_have_no_plays():
     assert joint_plays(evaluate(simulate("ur10e", "repeatability", seed=1))) == {}
 
 
-@pytest.mark.parametrize("direction", ["acw", "cw"])
+@both_ways
 @pytest.mark.parametrize(("order", "phase_deg"), [(8, 0), (8, 90), (7, 0), (15, 0), (20, 30)])
 def test_a_gear_wave_alone_is_no_play(order, phase_deg, direction):
     """A gear of axis 4 was a play of joint 5 of -0.28° ± 0.03°; other orders are in u, or there is no figure."""
@@ -42,7 +43,7 @@ def test_a_gear_wave_alone_is_no_play(order, phase_deg, direction):
         assert 0 <= one.value < max(2.5 * one.u, 0.002), f"{name} {one}"
 
 
-@pytest.mark.parametrize("direction", ["acw", "cw"])
+@both_ways
 def test_play_is_found_despite_a_gear_wave(direction):
     effects = [TransmissionError(axis=4, order=8, amplitude_deg=0.012), Backlash(axis=1, width_deg=0.02)]
     plays = joint_plays(evaluate(simulate("paper-fanuc", "yaw", direction, seed=1, effects=effects)))

@@ -8,10 +8,9 @@ import pytest
 from analysis.apps.plant.history import history_of, origin, sentences, simulated_runs
 from analysis.apps.plant.history_report import answer_of, as_object, write_page
 from analysis.apps.plant.records import RunRecord
-from analysis.apps.report.blocks import on_screen
-from analysis.cli.plain_console import PlainConsole
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import CircleLimits, Limit, Limits
+from tests.support.answers import printed
 from tests.support.figure_histories import collected
 
 BEGAN = datetime(2026, 11, 25, 8, 5, tzinfo=UTC)
@@ -34,7 +33,7 @@ def runs_at(minutes: Sequence[float], *, simulated: int = 0) -> list[RunRecord]:
 
 def page_of(runs: Sequence[RunRecord], path: Path, limits: Limits | None = None) -> str:
     write_page(history_of(collected(runs, limits)), path)
-    return path.read_text(encoding="utf-8")
+    return path.read_text()
 
 
 def axis_labels(html: str) -> list[str]:
@@ -53,10 +52,8 @@ def test_one_run_beyond_its_limit_is_no_story_over_time():
     history = history_of(collected(runs_at([0]), LIMITS))
     (line,) = sentences(history)
     assert "0.2 °: run lap-0 of 25 Nov 2026 has 0.2500 ± 0.0010 °" in line
-    console = PlainConsole(width=100)
-    with console.capture() as shown:
-        console.print(on_screen(answer_of(history)))
-    assert "value ± u" in shown.get() and "since" not in shown.get()
+    shown = printed(answer_of(history), 100)
+    assert "value ± u" in shown and "since" not in shown
 
 
 def test_runs_of_one_day_have_times_of_that_day(tmp_path):
@@ -87,8 +84,5 @@ def test_simulated_runs_are_called_so(tmp_path, simulated, runs, begins):
     assert said.startswith(begins) and bool(said) == bool(begins)
     history = history_of(collected(runs_at(range(runs), simulated=simulated)))
     assert (origin(history), as_object(history)["origin"]) == (said, said)
-    console = PlainConsole(width=100)
-    with console.capture() as shown:
-        console.print(on_screen(answer_of(history)))
     html = page_of(runs_at(range(runs), simulated=simulated), tmp_path / "page.html")
-    assert (said in shown.get()) and (said in html) and ("simulated" in html) == bool(said)
+    assert (said in printed(answer_of(history), 100)) and (said in html) and ("simulated" in html) == bool(said)

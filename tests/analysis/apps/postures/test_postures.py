@@ -218,7 +218,6 @@ def test_the_whole_part_is_in_reach_at_the_best_place():
     rig, part = ur10(JointOffset(axis=3, offset_deg=SIZE_DEG)), np.array([300.0, 200.0, 0.0])
     pose = forward(arm_of(rig.robot), POSTURE[None])[0]
     placed = work_map(rig, part, pose, POSTURE, about(POSTURE, 30))
-    assert placed.best_mm is not None
     corners = np.tile(pose, (4, 1, 1))
     corners[:, :2, 3] = placed.best_mm + np.array([[-150, -100], [150, -100], [-150, 100], [150, 100]])
     assert not find_candidates(arm_of(rig.robot), corners, POSTURE).reasons

@@ -1,21 +1,21 @@
-import csv
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from analysis.apps.report.texts import LANGUAGES, texts_of
-from tests.support.command_line import ran
+from tests.support import written_files
+from tests.support.command_line import errors_of, failure_of, json_of, ran, succeeded
+from tests.support.every import in_every_language
+from tests.support.written_files import contents, rows_in, write_columns
 
 POSES = """name,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg
 near,350,-100,200,180,0,0
 middle,450,0,200,180,0,30
 far,2000,0,200,180,0,0
 """
-JOINTS = ",".join(f"q{axis}_deg" for axis in range(1, 7))
+JOINTS = ",".join(written_files.JOINTS)
 
 
 def _files(directory: Path, targets: str = POSES) -> Path:
@@ -24,21 +24,15 @@ def _files(directory: Path, targets: str = POSES) -> Path:
     return path
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text().splitlines()))
-
-
 def test_the_chosen_postures_are_written_in_every_form(tmp_path):
     _files(tmp_path)
-    done = ran(
-        "postures", "targets.csv", "--arm", "ur5", "--for", "ur", "--part", "200,100,50", "-o", "out", cwd=tmp_path
-    )
+    done = ran("postures targets.csv --arm ur5 --for ur --part 200,100,50 -o out", cwd=tmp_path)
     assert done.returncode == 3  # one target is out of reach
     assert done.stdout.startswith("This arm ")
     assert "error: targets.csv, line 4: " in done.stderr
-    chosen = _rows(tmp_path / "out" / "postures.csv")
+    chosen = rows_in(tmp_path / "out" / "postures.csv")
     assert [row["name"] for row in chosen] == ["near", "middle"]
-    every = _rows(tmp_path / "out" / "all-postures.csv")
+    every = rows_in(tmp_path / "out" / "all-postures.csv")
     expected = [float(row["expected_mm"]) for row in every if row["target"] == "line 2"]
     assert expected == sorted(expected)
     assert len(expected) >= 8
@@ -48,17 +42,13 @@ def test_the_chosen_postures_are_written_in_every_form(tmp_path):
         for axis in range(1, 7):
             assert np.abs(numbers - np.radians(float(row[f"q{axis}_deg"]))).min() < 1e-6
     assert (tmp_path / "out" / "postures.png").read_bytes().startswith(b"\x89PNG")
-    again = ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", cwd=tmp_path)
-    assert again.returncode == 3
-    assert "give another --output" in again.stderr
+    assert "give another --output" in errors_of("postures targets.csv --arm ur5 -o out", cwd=tmp_path)
 
 
 def test_chosen_postures_are_targets_again(tmp_path):
     _files(tmp_path, "".join(POSES.splitlines(keepends=True)[:3]))
-    assert ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", cwd=tmp_path).returncode == 0
-    done = ran("postures", "out/postures.csv", "--arm", "ur5", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    succeeded("postures targets.csv --arm ur5 -o out", cwd=tmp_path)
+    found = json_of("postures out/postures.csv --arm ur5", cwd=tmp_path)
     assert found["usual"]["given"]
     assert found["usual"]["rms_mm"] == pytest.approx(found["sequence"]["rms_mm"], rel=0.02)
     assert found["knowledge"] == "typical"
@@ -87,44 +77,35 @@ def test_chosen_postures_are_targets_again(tmp_path):
 )
 def test_other_tables_are_refused(tmp_path, targets, code):
     _files(tmp_path, targets)
-    done = ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", "--json", cwd=tmp_path)
-    assert done.returncode == 3 and done.stdout == "" and json.loads(done.stderr)["error"]["code"] == code
+    assert failure_of("postures targets.csv --arm ur5 -o out", cwd=tmp_path) == (3, code)
     assert not (tmp_path / "out").exists()
 
 
 def test_five_axis_arm_reaches_only_poses_of_its_postures(tmp_path):
-    head = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg"
     taught = [[10.0, 20.0, -30.0, 25.0, 40.0], [-35.0, -20.0, 45.0, -10.0, 15.0]]
-    (tmp_path / "taught.csv").write_text(
-        "\n".join([head, *(",".join(map(str, row)) for row in taught)]) + "\n", encoding="utf-8"
-    )
-    done = ran("postures", "taught.csv", "--arm", "so-101", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    write_columns(tmp_path / "taught.csv", written_files.JOINTS[:5], taught)
+    found = json_of("postures taught.csv --arm so-101", cwd=tmp_path)
     for target, row in zip(found["targets"], taught, strict=True):
         away = [np.abs(np.subtract(posture["q_deg"], row)).max() for posture in target["postures"]]
         assert min(away) < 1e-3
-    tilted = ran("postures", str(_files(tmp_path)), "--arm", "so-101", cwd=tmp_path)
-    assert tilted.returncode == 3 and tilted.stderr.count("error: ") >= 1
+    assert errors_of("postures", str(_files(tmp_path)), "--arm", "so-101", cwd=tmp_path).count("error: ") >= 1
 
 
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        (("--arm", "ur5", "--for", "ur"), "postures.option"),
-        (("--arm", "ur5", "--part", "3,x"), "postures.part"),
-        (("--arm", "ur5", "--part", "0.3,0.2,0.1"), "postures.part"),
-        (("--arm", "franka-fr3", "--for", "ur", "-o", "out"), "postures.option"),
-        ((), "usage"),
+        ("--arm ur5 --for ur", "postures.option"),
+        ("--arm ur5 --part 3,x", "postures.part"),
+        ("--arm ur5 --part 0.3,0.2,0.1", "postures.part"),
+        ("--arm franka-fr3 --for ur -o out", "postures.option"),
+        ("", "usage"),
     ],
 )
 def test_wrong_use_is_refused(tmp_path, words, code):
-    done = ran("postures", str(_files(tmp_path)), "--json", *words, cwd=tmp_path)
-    assert done.returncode == 2 and json.loads(done.stderr)["error"]["code"] == code
-    assert len(done.stderr.splitlines()) == 1
+    assert failure_of("postures", _files(tmp_path), *words.split(), cwd=tmp_path) == (2, code)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_the_screen_is_in_each_language(tmp_path, language):
     done = ran("postures", str(_files(tmp_path)), "--arm", "ur5", "--lang", language, cwd=tmp_path, COLUMNS="200")
     texts = texts_of(language)
@@ -134,6 +115,6 @@ def test_the_screen_is_in_each_language(tmp_path, language):
 
 def test_every_key_of_the_texts_is_used_with_its_values():
     folder = Path(__file__).parents[4] / "analysis" / "templates"
-    keys = [yaml.safe_load((folder / f"texts.{one}.yaml").read_text())["words"] for one in LANGUAGES]
+    keys = [contents(folder / f"texts.{one}.yaml")["words"] for one in LANGUAGES]
     own = [{key for key in words if key.startswith("postures_")} for words in keys]
     assert own[0] == own[1] == own[2]

@@ -4,8 +4,6 @@ The programs run in the interpreters. The faulty arm is computed independently o
 size in the rig file by exactly its standard uncertainty.
 """
 
-import csv
-import datetime as dt
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -18,24 +16,25 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.correct.correction_report import write
-from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import Event, LinearMove, PointToPointMove, Round, ToolPose, Waited
 from analysis.apps.makers.motion_plan import Demand, MotionPlan, demand_of
-from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.compensated import compensated, table_of
 from analysis.apps.programs.planned import plans_of
 from analysis.apps.programs.target_path import read_corrected_path
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of, drive, lap, radial_stops
-from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.kinematics.newton import newton
-from rigs.effects import EffectProvenance, JointOffset
+from rigs.effects import JointOffset
 from rigs.errors import FileError
 from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
-from tests.support.command_line import ended
+from tests.support.command_line import errors_of, succeeded
+from tests.support.refusals import refused
 from tests.support.stated_controller import load
-from tests.worlds.arms.independent_arm import Array, Wrong, constants_of, flange
-from tests.worlds.interpreters.driven import paths, run
+from tests.support.written_files import numbers_in
+from tests.worlds.arms.faulty_arm import found
+from tests.worlds.arms.independent_arm import Array, Wrong, constants_of, flange, none
+from tests.worlds.interpreters.driven import files_of, paths, run
 
 Tables = Callable[[DrivenTest], Path]
 
@@ -45,8 +44,9 @@ POINTS = 11
 """On each arc, ends included."""
 RIG = load("ur10e")[0]
 ARM = arm_of(RIG.robot)
-FOUND = EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": U_DEG})
-FAULTY = RIG.model_copy(update={"effects": (JointOffset(axis=AXIS, offset_deg=ZERO_DEG, found=FOUND),)})
+FAULTY = RIG.model_copy(
+    update={"effects": (JointOffset(axis=AXIS, offset_deg=ZERO_DEG, found=found(offset_deg=U_DEG)),)}
+)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def tables(tmp_path_factory):
     def corrected(test: DrivenTest) -> Path:
         directory = tmp_path_factory.mktemp(test)
         path = directory / "path.csv"
-        path.write_text(table_of(_nominal(test)), encoding="utf-8")
+        path.write_text(table_of(_nominal(test)))
         *_, written = write(correct_rig(FAULTY, path), directory / "corrections")
         return written
 
@@ -77,9 +77,7 @@ def _planned(test: DrivenTest, path: Path) -> tuple[MotionPlan, Demand]:
 
 
 def _driven(dialect: MakerName, test: DrivenTest, path: Path) -> list[Event]:
-    newline = maker_by(dialect).writer.newline
-    files = programs_of(dialect, [_planned(test, path)])
-    return run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, RIG)
+    return run(dialect, files_of(dialect, *_planned(test, path)), RIG)
 
 
 def _error_mm(places: Array, turns: Rotation, q: Array) -> Array:
@@ -89,22 +87,15 @@ def _error_mm(places: Array, turns: Rotation, q: Array) -> Array:
     T[:, :3, :3], T[:, :3, 3] = turns.as_matrix(), places
     commanded, good = newton(ARM, ARM.T_world_base @ T, q)
     assert good.all()
-    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    wrong = none()
     wanted = _tool_mm(wrong, q)
     wrong.offset[AXIS - 1] = np.radians(ZERO_DEG + U_DEG)
-    error: Array = np.linalg.norm(_tool_mm(wrong, commanded) - wanted, axis=1)
-    return error
+    return np.linalg.norm(_tool_mm(wrong, commanded) - wanted, axis=1)
 
 
 def _tool_mm(wrong: Wrong, q: Array) -> Array:
     R, p = flange(constants_of("ur10e"), wrong, q)
-    place: Array = p + R @ np.array(RIG.robot.tool.xyz_mm)
-    return place
-
-
-def _column(path: Path, name: str) -> Array:
-    with path.open(encoding="utf-8") as file:
-        return np.array([float(row[name]) for row in csv.DictReader(file)])
+    return p + R @ np.array(RIG.robot.tool.xyz_mm)
 
 
 @pytest.mark.parametrize("dialect", [maker for maker in MAKERS if maker != "linuxcnc"])  # its arcs are lines
@@ -118,7 +109,7 @@ def test_compensated_circle_keeps_only_the_uncertainty(dialect, tables):
     q = drive(ARM, frame_of(circle), on_it, np.radians(circle.posture_deg), "circle")
     places, turns = zip(*(piece.at(share) for piece in one_lap), strict=True)
     left = _error_mm(np.concatenate(places), Rotation.concatenate(turns), q)
-    stated, missed = 1e-3 * _column(path, "u_um"), _column(path, "missed_mm")
+    stated, missed = 1e-3 * numbers_in(path, "u_um"), numbers_in(path, "missed_mm")
     assert missed.min() > 0.5
     assert left.max() < stated.max() + 0.05 * missed.max()  # an arc between targets cannot follow the error in full
     assert left[::POINTS] == pytest.approx(stated[: 2 * len(one_lap) : 2], rel=0.05)
@@ -128,7 +119,7 @@ def test_compensated_hemisphere_keeps_only_the_uncertainty(tables):
     path, q = tables("radial"), radial_stops(RIG)
     poses = _dwelt(_driven("ur", "radial", path))
     left = _error_mm(np.array([one.place for one in poses]), Rotation.concatenate([one.turn for one in poses]), q)
-    stated, missed = 1e-3 * _column(path, "u_um"), _column(path, "missed_mm")
+    stated, missed = 1e-3 * numbers_in(path, "u_um"), numbers_in(path, "missed_mm")
     assert missed.min() > 0.25
     assert stated.min() * 0.95 < left.min() and left.max() < stated.max() * 1.05
 
@@ -143,24 +134,20 @@ def _dwelt(events: list[Event]) -> list[ToolPose]:
             case LinearMove() | Round():
                 at = event.end
             case Waited(seconds) if seconds == DWELL_S:
-                assert at is not None
                 found.append(at)
     return found
 
 
-def test_the_commands_lead_from_a_test_to_its_corrected_program(tmp_path, tables, capsys):
+def test_the_commands_lead_from_a_test_to_its_corrected_program(tmp_path, tables):
     cell = tmp_path / "ur10e.yaml"
-    cell.write_text(load("ur10e")[1], encoding="utf-8")
+    cell.write_text(load("ur10e")[1])
     words = ("program", cell, "--for", "kuka", "--test", "yaw", "-o")
-    assert ended(*words, tmp_path / "nominal", "--targets") == 0
+    succeeded(*words, tmp_path / "nominal", "--targets")
     head, first, *_ = (tmp_path / "nominal" / "yaw-path.csv").read_text(encoding="ascii").splitlines()
     assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.count(",") == 6
-    assert ended(*words, tmp_path / "corrected", "--path", tables("yaw")) == 0
+    succeeded(*words, tmp_path / "corrected", "--path", tables("yaw"))
     assert " 0.72 mm" in (tmp_path / "corrected" / "yaw_acw_ur10e.src").read_text(encoding="ascii")
-    capsys.readouterr()
-    assert ended(*words, tmp_path / "other", "--path", tmp_path / "nominal" / "yaw-path.csv") == 3
-    refused = capsys.readouterr().err
-    assert "column x_mm" in refused
+    assert "column x_mm" in errors_of(*words, tmp_path / "other", "--path", tmp_path / "nominal" / "yaw-path.csv")
     assert not (tmp_path / "other").exists()
 
 
@@ -169,9 +156,8 @@ def test_a_table_of_another_test_or_arm_is_refused(robot, test, tables):
     path = tables("yaw")
     joints, poses = read_corrected_path(path)
     plans = plans_of(load(robot)[0], test, DWELL_S)
-    with pytest.raises(FileError) as refused:
+    with refused("targets.other_test"):
         compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
-    assert refused.value.code == "targets.other_test"
 
 
 @pytest.mark.parametrize(
@@ -187,9 +173,3 @@ def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(add_deg, room
     with pytest.raises(FileError, match=f"line {row + 2}: ") as refused:
         compensated(plans, q, poses.poses(), joints.lines, "path.csv")
     assert refused.value.code == code
-
-
-def test_targets_bring_the_arm_to_the_poses_of_the_nominal_arm(tables):
-    plan = _nominal("yaw")[0]
-    joints, poses = read_corrected_path(tables("yaw"))
-    np.testing.assert_allclose(forward(plan.arm, np.radians(joints.values)), poses.poses(), atol=1e-5)

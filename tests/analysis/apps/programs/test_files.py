@@ -9,19 +9,19 @@ from analysis.apps.makers.program_text import fixed, identifier, wrapped
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
 from rigs.errors import FileError
-from rigs.load import SHIPPED, parse
-from rigs.schema.vocabulary import MAKERS, MakerName
-from tests.support.command_line import ended
+from rigs.load import SHIPPED
+from tests.support.changed_rigs import rig_with, shipped
+from tests.support.command_line import errors_of, ran, succeeded
+from tests.support.every import for_every_maker
 
 LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"
-LONGEST: dict[MakerName, int] = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "yaskawa": 32}
+LONGEST = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "yaskawa": 32}
 """Letters of a program's name that a controller takes, of the makers whose manual states it."""
 
 
 @pytest.fixture(scope="module")
 def planned():
-    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
-    return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
+    return [(plan, demand_of(plan)) for plan in plans_of(rig_with(name=LONG[:63]), "yaw", 3.0)]
 
 
 @pytest.mark.parametrize("dialect", LONGEST)
@@ -32,7 +32,7 @@ def test_names_fit_the_controller_and_differ_between_directions(dialect, planned
     assert all(re.fullmatch(r"[A-Za-z]\w*", name) and len(name) <= LONGEST[dialect] for name in names)
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 def test_the_first_comment_is_the_override_and_the_clearance(dialect, planned):
     text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)
@@ -60,73 +60,67 @@ def test_identifiers_and_comments():
     assert wrapped("5° of Größe … and more", 12) == ["5 deg of", "Gr??e to and", "more"]
 
 
-def test_the_command_writes_both_directions_and_nothing_twice(tmp_path, capsys):
+def test_the_command_writes_both_directions_and_nothing_twice(tmp_path):
     order = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o", tmp_path / "out")
-    assert ended(*order) == 0
-    said = capsys.readouterr()
+    done = ran(*order)
     names = ["yaw_acw_ur10e.dat", "yaw_acw_ur10e.src", "yaw_cw_ur10e.dat", "yaw_cw_ur10e.src"]
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
-    assert sorted(Path(line).name for line in said.out.split()) == names
-    assert "axis 6 (wrist 3) turns" in said.err and "yourself" in said.err
-    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert done.returncode == 0 and sorted(Path(line).name for line in done.stdout.split()) == names
+    assert "axis 6 (wrist 3) turns" in done.stderr and "yourself" in done.stderr
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert sorted(before) == names
+    del before[names[0]]
     (tmp_path / "out" / names[0]).unlink()
-    assert ended(*order) == 3
-    assert "exists already" in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == {
-        path: data for path, data in before.items() if path.name != names[0]
-    }
+    assert "exists already" in errors_of(*order)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
 def _commands() -> list[str]:
-    page = (SHIPPED.parent / "docs" / "robot-programs.md").read_text(encoding="utf-8")
+    page = (SHIPPED.parent / "docs" / "robot-programs.md").read_text()
     return [line.split("#")[0] for line in re.findall(r"^rig program .*$", page, re.M)]
 
 
 @pytest.mark.parametrize("line", _commands())
 def test_the_commands_of_the_page_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+    rig = shipped()
     fields = ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"]
     rig["feedback"] = {"interface": "line_feed", "port": "tcp://192.168.1.10:59002", "fields": fields}
     directions = enumerate(("acw", "cw"), start=1)
     rules = [{"when": {"signal": number}, "test": "roll", "direction": one} for number, one in directions]
     rig["tests"]["iso9283"] = {}
-    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(rig | {"automatic": {"rules": rules}}), encoding="utf-8")
-    assert ended(*line.split()[1:]) == 0
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(rig | {"automatic": {"rules": rules}}))
+    succeeded(*line.split()[1:])
     assert list((tmp_path / "programs").iterdir())
 
 
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (("--for", "kuka", "--test", "circle"), 2, "'circle'"),
-        (("--for", "comau", "--test", "yaw"), 2, "--for"),
-        (("--for", "ur", "--test", "yaw", "--outputs", "a"), 2, "list of"),
-        (("--for", "ur", "--test", "yaw", "--outputs", "1,1"), 2, "different outputs"),
-        (("--for", "ur", "--test", "radial", "--dwell-s", "0"), 2, "--dwell-s"),
+        ("--for kuka --test circle", 2, "'circle'"),
+        ("--for comau --test yaw", 2, "--for"),
+        ("--for ur --test yaw --outputs a", 2, "list of"),
+        ("--for ur --test yaw --outputs 1,1", 2, "different outputs"),
+        ("--for ur --test radial --dwell-s 0", 2, "--dwell-s"),
     ],
 )
-def test_wrong_use_is_one_line(words, code, says, tmp_path, capsys):
-    assert ended("program", "ur10e", *words, "-o", tmp_path / "out") == code
-    said = capsys.readouterr().err
-    assert says in said and said.count("\n") == 1
+def test_wrong_use_is_one_line(words, code, says, tmp_path):
+    (line,) = errors_of(f"program ur10e {words} -o {tmp_path}/out", exit_code=code).splitlines()
+    assert says in line
     assert not (tmp_path / "out").exists()
 
 
-def test_a_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
+def test_a_directory_that_cannot_be_made_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
-        assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
-        (line,) = capsys.readouterr().err.splitlines()
+        (line,) = errors_of(f"program ur10e --for ur --test repeatability -o {output}").splitlines()
         assert line.startswith(f"error: {output}") and line.endswith("; choose a different --output")
 
 
-def test_missing_or_unreachable_test_writes_nothing(tmp_path, capsys):
-    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+def test_missing_or_unreachable_test_writes_nothing(tmp_path):
+    rig = shipped()
     far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
-    (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")
+    (tmp_path / "far.yaml").write_text(yaml.safe_dump(far))
     for test, says in (("yaw", "reach"), ("radial", "no tests.hemisphere")):
-        assert ended("program", tmp_path / "far.yaml", "--for", "abb", "--test", test, "-o", tmp_path / "out") == 3
-        said = capsys.readouterr().err
-        assert says in said and said.count("\n") == 1
+        (line,) = errors_of(f"program {tmp_path}/far.yaml --for abb --test {test} -o {tmp_path}/out").splitlines()
+        assert says in line
     assert not (tmp_path / "out").exists()

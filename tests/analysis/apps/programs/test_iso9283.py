@@ -6,18 +6,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import LinearMove, PointToPointMove, Round, Waited
-from analysis.apps.makers.motion_plan import MotionPlan, demand_of
-from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import cube_plan, path_plan
 from analysis.robot.geometry.iso_cube import cube_of
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
-from rigs.schema.vocabulary import MAKERS, MakerName
+from rigs.schema.vocabulary import MAKERS
+from tests.support.changed_rigs import with_tests
+from tests.support.every import for_every_maker
 from tests.worlds.arms.iso_plain import cube_places
 from tests.worlds.interpreters.arms import pose_of, rig_of
-from tests.worlds.interpreters.driven import ROUNDING, run
+from tests.worlds.interpreters.driven import ROUNDING, files_of, run
 
 ARMS = ("ur10e", "paper-fanuc")
 PLACE_MM = {"yaskawa": 5e-3}
@@ -25,15 +24,7 @@ PLACE_MM = {"yaskawa": 5e-3}
 
 @lru_cache
 def with_cube(arm: str) -> Rig:
-    rig = rig_of(arm)
-    test = Iso9283(cycles=3, path_cycles=3)
-    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"iso9283": test})})
-
-
-def events_of(plan: MotionPlan, dialect: MakerName, rig: Rig) -> list[object]:
-    newline = maker_by(dialect).writer.newline
-    files = programs_of(dialect, [(plan, demand_of(plan))])
-    return list(run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, rig))
+    return with_tests(rig_of(arm), iso9283=Iso9283(cycles=3, path_cycles=3))
 
 
 def in_world(rig: Rig, places: np.ndarray) -> np.ndarray:
@@ -41,13 +32,13 @@ def in_world(rig: Rig, places: np.ndarray) -> np.ndarray:
     return base.turn.apply(places) + base.place
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_cube_is_visited_in_the_order_of_the_standard(arm, dialect):
     rig = with_cube(arm)
     cube = cube_of(rig)
     expected = cube_places(cube.centre_mm, cube.side_mm)[[0, *([4, 3, 2, 1, 0] * 3)]]
-    events = events_of(cube_plan(rig, 4.0), dialect, rig)
+    events = run(dialect, files_of(dialect, cube_plan(rig, 4.0)), rig)
     stood = [event.pose for event in events if isinstance(event, PointToPointMove)]
     places = in_world(rig, np.array([pose.place for pose in stood]))
     assert np.abs(places - expected).max() < max(PLACE_MM.get(dialect, 0.0), 1e-4)
@@ -62,8 +53,8 @@ def test_paths_follow_the_standard_between_two_stands(arm, dialect):
     rig = with_cube(arm)
     cube = cube_of(rig)
     _, p2, p3, p4, p5 = cube_places(cube.centre_mm, cube.side_mm)
-    driven: list[list[LinearMove | Round]] = [[]]
-    for event in events_of(path_plan(rig, 50), dialect, rig):
+    driven = [[]]
+    for event in run(dialect, files_of(dialect, path_plan(rig, 50)), rig):
         if isinstance(event, Waited):
             driven.append([])
         elif isinstance(event, LinearMove | Round) and event.length_mm > max(ROUNDING, PLACE_MM.get(dialect, 0.0)):

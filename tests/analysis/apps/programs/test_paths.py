@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import (
     Array,
     ConfigurationFlags,
-    Event,
     LinearMove,
     OperatorPause,
     PointToPointMove,
@@ -22,7 +20,6 @@ from analysis.apps.makers.emulated import (
     Waited,
 )
 from analysis.apps.makers.motion_plan import Demand, MotionPlan, demand_of
-from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import (
@@ -32,9 +29,10 @@ from analysis.robot.geometry.driven_programs import (
     radial_stops,
     repeatability_stops,
 )
-from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
+from rigs.schema.vocabulary import DrivenTest, MakerName
+from tests.support.every import both_ways, for_every_maker
 from tests.worlds.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
-from tests.worlds.interpreters.driven import ROUNDING, along, paths, run, stops
+from tests.worlds.interpreters.driven import ROUNDING, along, files_of, paths, run, stops
 from tests.worlds.interpreters.joints import postures
 
 DWELL_S = 4.0
@@ -48,11 +46,7 @@ EXACT_MM, EXACT_RAD = 1e-6, 1e-7
 
 @lru_cache
 def programs(arm: str, test: DrivenTest, dialect: MakerName) -> tuple[dict[str, str], ...]:
-    newline = maker_by(dialect).writer.newline
-    return tuple(
-        {name: text.replace("\n", newline) for name, text in programs_of(dialect, [planned]).items()}
-        for planned in planned_for(arm, test)
-    )
+    return tuple(files_of(dialect, *planned) for planned in planned_for(arm, test))
 
 
 @lru_cache
@@ -70,26 +64,21 @@ def simulated(arm: str, direction: str) -> tuple[Array, Array, Rotation]:
     return way[rows], *reached(rig, program.q[rows])
 
 
-def apart(one: tuple[Array, Rotation], other: tuple[Array, Rotation]) -> tuple[float, float]:
-    """Largest difference of places, mm, and of orientations, rad."""
-    mm = np.linalg.norm(one[0] - other[0], axis=1).max()
-    return float(mm), float((one[1].inv() * other[1]).magnitude().max())
+def require_equal(dialect: str, one: tuple[Array, Rotation], places: Array, turns: Rotation) -> None:
+    """Places and orientations are the same within what a language writes."""
+    mm, rad = np.linalg.norm(one[0] - places, axis=1).max(), (one[1].inv() * turns).magnitude().max()
+    assert mm < PLACE_MM.get(dialect, EXACT_MM) and rad < TURN_RAD.get(dialect, EXACT_RAD), (mm, rad)
 
 
-def tolerances(dialect: str) -> tuple[float, float]:
-    return PLACE_MM.get(dialect, EXACT_MM), TURN_RAD.get(dialect, EXACT_RAD)
-
-
-@pytest.mark.parametrize("dialect", MAKERS)
-@pytest.mark.parametrize("direction", ["acw", "cw"])
+@for_every_maker
+@both_ways
 @pytest.mark.parametrize("test", ["yaw", "roll"])
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_circle_is_the_simulators(arm, test, direction, dialect):
     files = programs(arm, test, dialect)[("acw", "cw").index(direction)]
     pieces = paths(run(dialect, files, rig_of(arm)))
     way, *expected = simulated(arm, direction)
-    mm, rad = apart(along(pieces, way), (expected[0], expected[1]))
-    assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
+    require_equal(dialect, along(pieces, way), *expected)
     assert sum(piece.length_mm for piece in pieces) == pytest.approx(way[-1], abs=0.1)
 
 
@@ -98,8 +87,7 @@ def test_arms_of_the_library_drive_the_simulators_circle(arm, dialect):
     """In the language of their maker: their angles are the controller's, with its signs and couplings."""
     pieces = paths(run(dialect, programs(arm, "yaw", dialect)[0], rig_of(arm)))
     way, *expected = simulated(arm, "acw")
-    mm, rad = apart(along(pieces, way), (expected[0], expected[1]))
-    assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
+    require_equal(dialect, along(pieces, way), *expected)
 
 
 @pytest.mark.parametrize(
@@ -117,18 +105,17 @@ def test_positions_contain_the_posture_of_arrival(arm, dialect, axes):
         assert posture == ConfigurationFlags(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 @pytest.mark.parametrize("arm", ARMS)
 def test_stops_are_the_simulators(arm, test, dialect):
     rig = rig_of(arm)
     events = run(dialect, programs(arm, test, dialect)[0], rig)
     q = radial_stops(rig) if test == "radial" else repeatability_stops(rig)
-    mm, rad = apart(stops(events), reached(rig, q))
-    assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
+    require_equal(dialect, stops(events), *reached(rig, q))
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_link_is_never_pulled_between_targets(arm, dialect):
     """The way between targets keeps to the sphere, which the simulator's joint moves do not."""
@@ -139,11 +126,11 @@ def test_the_link_is_never_pulled_between_targets(arm, dialect):
     places = np.concatenate([piece.at(np.linspace(0, 1, 11))[0] for piece in pieces])
     # Between stops the lines of G-code deviate by up to 20 µm.
     assert np.abs(np.linalg.norm(places - centre, axis=1) - sphere.radius_mm).max() < max(
-        tolerances(dialect)[0], 2e-2 * (dialect == "linuxcnc")
+        PLACE_MM.get(dialect, EXACT_MM), 2e-2 * (dialect == "linuxcnc")
     )
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect):
     circle = circle_of(rig_of("ur10e"))
     pieces = paths(run(dialect, programs("ur10e", "yaw", dialect)[0], rig_of("ur10e")))
@@ -157,9 +144,9 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
         assert all(isinstance(piece, Round) and np.degrees(piece.angle) <= 90.001 for piece in pieces)
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect):
-    events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
+    events = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     first, line, hold = events[:3]
     assert isinstance(first, PointToPointMove) and isinstance(line, LinearMove) and isinstance(hold, OperatorPause)
     assert line.length_mm < ROUNDING  # the joint move has brought the arm there

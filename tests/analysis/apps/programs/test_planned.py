@@ -1,25 +1,19 @@
 import re
-from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import OperatorPause, RegisterOutput, Switched
-from analysis.apps.makers.motion_plan import Hold, MotionPlan, Signal, demand_lines, demand_of
+from analysis.apps.makers.motion_plan import Hold, Signal, demand_lines, demand_of
 from analysis.apps.makers.tool_paths import circular_path
-from analysis.apps.makers.writing import feedback_note, programs_of
+from analysis.apps.makers.writing import feedback_note
 from analysis.apps.programs.planned import plans_of
 from analysis.robot.kinematics.arm import Array
-from daq.protocol.conversation import Sample
 from daq.robot_drivers import line_feed
 from rigs.errors import FileError
-from rigs.load import SHIPPED, parse
-from rigs.rig import Rig
-from rigs.schema.vocabulary import MakerName
+from tests.support.changed_rigs import rig_with, shipped
 from tests.support.refusals import refused
-from tests.worlds.interpreters.driven import run
+from tests.worlds.interpreters.driven import files_of, run
 
 RULES = [
     {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},
@@ -31,18 +25,8 @@ LINES = {
     "port": "tcp://192.168.1.10:59002",
     "fields": ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"],
 }
+SWITCHING = {"feedback": LINES, "automatic": {"rules": RULES}}
 RTDE = {"interface": "ur_rtde", "port": "tcp://robot:30004"}
-
-
-def rig_with(name: str = "ur10e", **changes: Any) -> Rig:
-    text = (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8")
-    return parse(yaml.safe_dump(yaml.safe_load(text) | changes), "changed.yaml")
-
-
-def files_of(rig: Rig, dialect: MakerName, plan: MotionPlan) -> dict[str, str]:
-    newline = maker_by(dialect).writer.newline
-    files = programs_of(dialect, [(plan, demand_of(plan))])
-    return {name: text.replace("\n", newline) for name, text in files.items()}
 
 
 def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause():
@@ -51,7 +35,7 @@ def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause():
     assert [step.value for step in acw.steps if isinstance(step, Signal)] == [2, 0]
     assert [step.value for step in cw.steps if isinstance(step, Signal)] == [1, 0]
     assert not any(isinstance(step, Hold) for step in acw.steps)
-    events = run("ur", files_of(rig, "ur", acw), rig)
+    events = run("ur", files_of("ur", acw), rig)
     assert [event for event in events if isinstance(event, Switched | OperatorPause)] == [
         Switched(4, False),
         Switched(9, True),
@@ -69,7 +53,7 @@ def test_a_test_without_a_rule_waits_for_a_person():
 
 def test_a_register_of_rtde_shows_the_signal():
     rig = rig_with(feedback=RTDE | {"signal": {"int_register": 24}}, automatic={"rules": RULES})
-    events = run("ur", files_of(rig, "ur", plans_of(rig, "yaw", 3.0)[1]), rig)
+    events = run("ur", files_of("ur", plans_of(rig, "yaw", 3.0)[1]), rig)
     assert [event for event in events if isinstance(event, RegisterOutput)] == [
         RegisterOutput(24, 1),
         RegisterOutput(24, 0),
@@ -78,39 +62,37 @@ def test_a_register_of_rtde_shows_the_signal():
 
 @pytest.mark.parametrize(("dialect", "names"), [("fanuc", (9, 10)), ("kuka", (9, 10)), ("yaskawa", (9, 10))])
 def test_other_controllers_switch_the_outputs_that_were_named(dialect, names):
-    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    rig = rig_with(**SWITCHING)
     (plan,) = plans_of(rig, "repeatability", 3.0, names)
-    switched = [event for event in run(dialect, files_of(rig, dialect, plan), rig) if isinstance(event, Switched)]
+    switched = [event for event in run(dialect, files_of(dialect, plan), rig) if isinstance(event, Switched)]
     assert [(event.output, event.on) for event in switched] == [(9, True), (10, True), (9, False), (10, False)]
 
 
 def test_nothing_is_switched_that_was_not_named():
-    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    rig = rig_with(**SWITCHING)
     for test, outputs in (("repeatability", (9,)), ("yaw", ())):
-        with pytest.raises(FileError) as refused:
-            plans_of(rig, test, 3.0, outputs)  # type: ignore[arg-type]
-        assert refused.value.code == "program.output"
+        with refused("program.output"):
+            plans_of(rig, test, 3.0, outputs)
 
 
 @pytest.mark.parametrize(("dialect", "number"), [("ur", 18), ("fanuc", 0), ("yaskawa", 5000)])
 def test_an_output_that_the_controller_does_not_have_is_refused(dialect, number):
-    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    rig = rig_with(**SWITCHING)
     plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
     with pytest.raises(FileError, match=str(number)) as refused:
-        files_of(rig, dialect, plan)
+        files_of(dialect, plan)
     assert refused.value.code == "program.output"
 
 
 def test_the_lines_that_karel_prints_are_read_by_the_line_feed():
-    rig = rig_with("paper-fanuc", feedback=LINES, automatic={"rules": RULES})
-    files = files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
+    rig = rig_with("paper-fanuc", **SWITCHING)
+    files = files_of("fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
     text = files["RIGFEED.KL"]
     assert "$HOSTS_CFG[3].$SERVER_PORT', 59002" in text
     assert re.findall(r"IF DOUT\[(\d+)\] THEN\s+signal = signal \+ (\d+)", text) == [("9", "1"), ("10", "2")]
-    host = line_feed.host(rig.feedback)  # type: ignore[arg-type]
+    host = line_feed.host(rig.feedback)
     host.connected(0)
     (sample,) = host.received(printed(text), 1_000_000).items
-    assert isinstance(sample, Sample)
     assert sample.values == (10.5, 11.5, 12.5, 13.5, 14.5, 15.5, 2.0) and sample.device_time_s == 0.123
 
 
@@ -118,7 +100,7 @@ def test_a_condition_that_karel_cannot_print_is_refused():
     feedback = {**LINES, "fields": [*LINES["fields"], "speed_percent"]}
     rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
     with pytest.raises(FileError, match="speed_percent") as refused:
-        files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
+        files_of("fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
     assert refused.value.code == "program.feedback"
 
 
@@ -146,14 +128,14 @@ def printed(text: str) -> bytes:
 )
 def test_the_program_starts_the_feedback_of_its_maker(dialect, feedback, words):
     rig = rig_with(feedback=feedback)
-    files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])
+    files = files_of(dialect, plans_of(rig, "yaw", 3.0)[0])
     assert run(dialect, files, rig)
     assert all(any(word in text for text in files.values()) for word in words)
     assert "yourself" in feedback_note("yaskawa", rig.feedback)
 
 
 def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written():
-    tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
+    tests = shipped()["tests"]
     tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
     with refused("path.reach"):
         plans_of(rig_with(tests=tests), "radial", 3.0)
@@ -171,7 +153,7 @@ def test_the_turns_of_the_wrist_are_reported():
 
 
 def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans():
-    tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
+    tests = shipped()["tests"]
     tests["repeatability"] = {"targets": [26, 32], "rounds": 1}  # 0° and 180° on the outermost ring
     plan = plans_of(rig_with(tests=tests), "repeatability", 3.0)[0]
     demand = demand_of(plan)

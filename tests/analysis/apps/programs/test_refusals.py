@@ -5,12 +5,11 @@ import pytest
 
 from analysis.apps.makers import maker_by, maker_of_file
 from analysis.apps.makers.emulated import ProgramError
-from analysis.apps.makers.motion_plan import demand_of
-from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
 from rigs.schema.vocabulary import MAKERS, MakerName
+from tests.support.every import for_every_maker
 from tests.worlds.interpreters.arms import rig_of
-from tests.worlds.interpreters.driven import run
+from tests.worlds.interpreters.driven import files_of, run
 
 MARKS = {
     "ur": [r"\(", r"\)", r",", r"\[", r"\]", r":\n", r"=", r"\nend\n", r"movec", r"def ", r"\n[a-z]\w+\(\)\n"],
@@ -36,9 +35,7 @@ MARKS = {
 
 @lru_cache
 def program(dialect: MakerName) -> dict[str, str]:
-    plan = plans_of(rig_of("ur10e"), "yaw", 3.0)[0]
-    files = programs_of(dialect, [(plan, demand_of(plan))])
-    return {name: text.replace("\n", maker_by(dialect).writer.newline) for name, text in files.items()}
+    return files_of(dialect, plans_of(rig_of("ur10e"), "yaw", 3.0)[0])
 
 
 @pytest.mark.parametrize(
@@ -62,7 +59,7 @@ def _in_comment(text: str, at: int, dialect: str) -> bool:
     return {"ur": "#", "fanuc": "!", "kuka": ";", "abb": "!", "yaskawa": "'"}[dialect] in line
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@for_every_maker
 def test_the_program_without_a_slip_is_taken(dialect):
     assert run(dialect, program(dialect), rig_of("ur10e"))
 

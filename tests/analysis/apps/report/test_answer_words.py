@@ -1,7 +1,7 @@
 """Sentences of an answer: the same decisions in every language, and none that contradicts another."""
 
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 
@@ -9,15 +9,16 @@ from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
+from analysis.apps.report.texts import keys_of, texts_of
 from analysis.diagnosis.judge.acts import Act, Against, Cost, JudgedOn, NamingTest, Objection, is_done
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
-from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis
+from tests.support.every import in_every_language
+from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis, judged
 
-CONDITIONS: tuple[Condition, ...] = get_args(Condition)
-NEED: dict[str, Any] = {
+CONDITIONS = get_args(Condition)
+NEED = {
     "axis": 2, "field": "d", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 8, "lobes": 3, "period_mm": 0.5,
     "frequency_hz": 8.5,
 }  # fmt: skip
@@ -30,14 +31,13 @@ def test_an_act_states_the_error_after_it_and_the_place():
     assert "6.1 µm" in act and "2.0 ± 0.2 µm" in act
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_a_correction_in_the_rig_file_is_not_credited_to_the_arm(language):
-    held, texts = diagnosis("nothing_unusual"), texts_of(language)
-    judged = replace(held.accuracy, standing="fail", limit="tolerance")
-    held = replace(held, accuracy=judged, rig=held.rig.model_copy(update={"effects": (PLAY.effect,)}))
+    held, texts = judged(diagnosis("nothing_unusual"), standing="fail", limit="tolerance"), texts_of(language)
+    held = replace(held, rig=held.rig.model_copy(update={"effects": (PLAY.effect,)}))
     words = AnswerWords(held, texts)
     assert keys_of(words.judged) == ("accuracy_uncorrected", "accuracy_fail", "limit_tolerance")
-    left = {"now": micrometres(judged.now_um), "largest": micrometres(judged.now_largest_um)}
+    left = {"now": micrometres(held.accuracy.now_um), "largest": micrometres(held.accuracy.now_largest_um)}
     assert words.accuracy.startswith(texts("error_corrected", **left))
 
 
@@ -57,11 +57,11 @@ def test_a_model_is_complete_only_if_runs_repeat_and_no_place_differs():
 def test_the_accuracy_states_the_present_error_and_its_verdict():
     words = AnswerWords(diagnosis())
     assert keys_of(words.accuracy) == ("error_now",) and "6.1 µm" in words.accuracy and "21 µm" in words.accuracy
-    used = replace(words.diagnosis.accuracy, place="used")
-    plain = diagnosis("not_testable_here", accuracy=used).to_dict()  # four poses have fewer numbers than unknowns
+    plain = judged(
+        diagnosis("not_testable_here"), place="used"
+    ).to_dict()  # four poses have fewer numbers than unknowns
     assert plain["accuracy"]["calibrated_um"] is None and plain["gap"]["train"]["calibrated"] is None
-    judged = replace(words.diagnosis.accuracy, standing="fail", limit="rig_file")
-    keys = keys_of(AnswerWords(diagnosis(accuracy=judged)).judged)
+    keys = keys_of(AnswerWords(judged(diagnosis(), standing="fail", limit="rig_file")).judged)
     assert keys == ("accuracy_fail", "limit_rig_file")
 
 
@@ -79,7 +79,7 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_ide
     assert keys_of(ActWords(found).next)[0] == "act_group" and "77 %" in ActWords(found).next
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_every_act_and_every_objection_has_words(language):
     words = ActWords(diagnosis(), texts_of(language))
     acts = [Act(kind, "fault", (0,), 3.0, 1.0, place, 2.0, 1.0, effect=PLAY.effect, u=0.001)
@@ -99,7 +99,7 @@ def test_an_error_below_its_uncertainty_is_a_bound():
     assert "< 2.0 µm" in ActWords(diagnosis(acts=(act,))).next
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_every_part_and_effect_has_a_noun_in_every_language(language):
     words = AnswerWords(diagnosis(effects=(PLAY, SMALL)), texts_of(language))
     kinds = (*get_args(PartKind), "scatter", "unexplained")
@@ -113,7 +113,7 @@ def test_every_part_and_effect_has_a_noun_in_every_language(language):
     assert len(set(nouns)) == len(nouns)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_an_axis_has_its_number_and_a_name_that_adds_information(language):
     robot, texts = diagnosis().rig.robot, texts_of(language)
     called = {"en": "axis 4 (gamma)", "de": "Achse 4 (gamma)", "ko": "축 4(gamma)"}

@@ -1,15 +1,11 @@
 """The answer of a diagnosis as blocks: every section, the same for terminal, page and JSON."""
 
-import io
 import json
-import math
 import re
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
-import numpy as np
 import pytest
-from rich.console import Console
 
 from analysis.apps.report.blocks import (
     Block,
@@ -18,28 +14,20 @@ from analysis.apps.report.blocks import (
     Sentence,
     Table,
     as_object,
-    on_screen,
 )
 from analysis.apps.report.diagnosis_answer import answer_of, sections_of, summary_blocks
-from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.html_page import environment
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
-from analysis.diagnosis.judge.residuals import ResidualBand
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap
+from analysis.apps.report.texts import Language, keys_of, texts_of
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
 from rigs.effects import JointOffset, TransmissionError
+from tests.support.answers import printed
+from tests.support.every import in_every_language
 from tests.support.handmade_diagnosis import LOAD, PLAY, SMALL, diagnosis
 
 EN = texts_of("en")
-CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+CONDITIONS = get_args(Condition)
 ALWAYS = ["details", "gaps", "inseparable", "undetectable", "where", "doubts"]
-
-
-def printed(blocks: Any, width: int = 80) -> str:
-    console = Console(width=width, file=io.StringIO())
-    with console.capture() as text:
-        console.print(on_screen(blocks))
-    return text.get()
 
 
 def table_of(found: Diagnosis, section: str, language: Language = "en") -> Table:
@@ -60,7 +48,7 @@ def texts_in(block: Block) -> list[str]:
     return [block.words]
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_every_condition_has_its_sections_in_order(condition, language):
     sections = sections_of(diagnosis(condition), texts_of(language))
@@ -84,7 +72,7 @@ def test_a_terminal_of_any_width_shows_every_letter(width):
         assert "".join(shown.split()) in letters, shown
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_shown_shares_add_up_to_100_percent(language):
     thirds = tuple(BudgetPart("curve", 10.0, 1.0, 1 / 3, axis=k, rank="usual") for k in (1, 2, 3))
     for found in (diagnosis(), diagnosis(effects=(PLAY, SMALL)), diagnosis(budget=thirds)):
@@ -137,15 +125,6 @@ def test_an_unconfirmed_effect_has_its_reason_and_no_act():
     last = sections["faults"][-1]
     assert isinstance(last, Sentence) and {"unconfirmed", "doubt_unexplained"} <= set(keys_of(last.text))
     assert len(sections["acts"]) == 2
-
-
-def test_residuals_against_possible_influences_have_a_row_each():
-    nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
-    odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
-    left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
-    found = diagnosis(train=nothing, effects=(odd,), bands=left)
-    assert "nan" not in printed(answer_of(found))
-    assert micrometres(math.nan) == "–"
 
 
 def test_terminal_page_and_json_show_the_same_texts():

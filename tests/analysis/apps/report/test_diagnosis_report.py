@@ -3,14 +3,15 @@
 import json
 import math
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from analysis.apps.report.diagnosis_answer import answer_of
 from analysis.apps.report.diagnosis_report import require_empty, write
-from analysis.apps.report.diagnosis_words import size, stretch, sure
+from analysis.apps.report.diagnosis_words import micrometres, size, stretch, sure
 from analysis.apps.report.model_charts import picture, residual_charts
 from analysis.apps.report.texts import texts_of
 from analysis.correction.support import supports
@@ -21,14 +22,16 @@ from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, Stairca
 from analysis.robot.predict import model_of
 from rigs.errors import FileError
 from rigs.load import load
+from tests.support.answers import printed
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.handmade_diagnosis import PLACES, PLAY, ZERO, diagnosis, poses, sphere
 from tests.support.nightly import cases
 from tests.support.refusals import refused
+from tests.support.written_files import contents
 
-CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+CONDITIONS = get_args(Condition)
 TEXT = load("paper-fanuc")[1]
-NO_PICTURE: dict[str, Any] = {"curves": (), "maps": ()}
+NO_PICTURE = {"curves": (), "maps": ()}
 """For tests of the other files: a picture of everything takes a second."""
 KEYS = {"condition", "accuracy", "budget", "effects", "remainder", "where", "gap", "setup", "not_testable", "next_test"}
 """Those of docs/diagnosis.md that scripts rely on."""
@@ -47,7 +50,7 @@ def test_remedy_states_that_a_rival_is_possible(tmp_path):
     found = diagnosis("ambiguous", effects=(ZERO,), **NO_PICTURE)
     *_, rig_file = write(found, TEXT, tmp_path / "found")
     (effect,) = load(rig_file)[0].effects
-    assert effect.found and effect.found.rivals == ("link_geometry 5.a",)
+    assert effect.found.rivals == ("link_geometry 5.a",)
     assert "link_geometry 5.a" in supports(load(rig_file)[0])[0].reason
 
 
@@ -79,13 +82,14 @@ def test_effects_and_rivals_of_the_object():
     assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
 
 
-def test_unknown_values_are_null():
+def test_unknown_values_are_null_and_a_dash():
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
-    told = diagnosis(train=nothing, effects=(odd,), bands=left, levels={"others": np.float64(0.2)}).to_dict()
-    text = json.dumps(told, allow_nan=False)
-    assert json.loads(text) == told
+    found = diagnosis(train=nothing, effects=(odd,), bands=left, levels={"others": np.float64(0.2)})
+    told = found.to_dict()
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    assert "nan" not in printed(answer_of(found)) and micrometres(math.nan) == "–"
     assert told["gap"]["train"]["before"] is None and told["effects"][0]["parameters"]["width_deg"]["sd"] is None
 
 
@@ -132,12 +136,12 @@ def test_titles_distinguish_circles_of_two_places():
 def test_the_files_of_a_named_effect(tmp_path):
     found, directory = diagnosis("named"), tmp_path / "new" / "found"
     answer, sheet, extended = write(found, TEXT, directory)
-    assert json.loads(answer.read_text()).items() >= found.to_dict().items() and sheet.name == "diagnosis.png"
+    assert contents(answer).items() >= found.to_dict().items() and sheet.name == "diagnosis.png"
     assert extended.read_text().startswith(TEXT)
     (effect,) = load(extended)[0].effects
-    assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)  # type: ignore[union-attr]
+    assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)
     origin = effect.found
-    assert origin and origin.runs == found.runs and origin.gap_um == (5.94, 1.91)
+    assert origin.runs == found.runs and origin.gap_um == (5.94, 1.91)
     assert origin.sd == {"width_deg": 0.0011, "transit": 0.042}
     model_of(load(extended)[0])
 

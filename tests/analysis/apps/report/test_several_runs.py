@@ -1,24 +1,22 @@
 """Several runs in one answer: no number broken by a narrow screen, and no doubt of which run a figure is."""
 
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
-from typer.testing import CliRunner
 
 from analysis import evaluate, evaluate_runs, load_run
-from analysis.apps.report.blocks import Table, on_screen
+from analysis.apps.report.blocks import Table
 from analysis.apps.report.run_answer import answer_of, as_object, compare
-from analysis.cli import app
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import by_test
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.load import load, load_hidden
-from rigs.rig import Rig
-from tests.support.command_line import ran
+from tests.support.answers import printed
+from tests.support.changed_rigs import with_circle
+from tests.support.command_line import succeeded
+from tests.support.pose_runs import pose_run
 from tests.support.refusals import refused
 from tests.support.written_runs import write_simulated
 
@@ -35,30 +33,22 @@ def laps(tmp_path_factory):
 
 @pytest.mark.parametrize(("width", "abreast"), [(80, 2), (200, 4)])
 def test_as_many_runs_abreast_as_the_screen_holds_whole(laps, width, abreast):
-    console = Console(width=width, file=io.StringIO())
-    with console.capture() as shown:
-        console.print(on_screen([block for block in answer_of(laps, each=True) if isinstance(block, Table)][1:]))
-    assert max(map(len, shown.get().splitlines())) <= width
+    shown = printed([block for block in answer_of(laps, each=True) if isinstance(block, Table)][1:], width)
+    assert max(map(len, shown.splitlines())) <= width
     for name in ("band_deg", "amplitude_deg"):
-        assert all(str(result.figures[name]) in shown.get() for result in laps)
-    assert max(line.count("± ") for line in shown.get().splitlines()) == abreast
+        assert all(str(result.figures[name]) in shown for result in laps)
+    assert max(line.count("± ") for line in shown.splitlines()) == abreast
 
 
-def test_runs_of_other_poses_have_no_common_mean(tmp_path):
+def test_runs_of_other_poses_have_no_common_mean():
     """60 poses once and ten of them five times are two programs, however alike their tests are named."""
     rng = np.random.default_rng(1)
-    q_deg = rng.uniform(-60, 60, (60, 6))
+    q = np.radians(rng.uniform(-60, 60, (60, 6)))
     runs = []
-    for name, rows in (("many", q_deg), ("again", q_deg), ("few", np.tile(q_deg[:10], (5, 1)))):
-        places = forward(arm_of(RIG.robot), np.radians(rows))[:, :3, 3] + rng.normal(0, 0.02, (len(rows), 3))
-        table = tmp_path / f"{name}.csv"
-        names = [*(f"q{axis}_deg" for axis in range(1, 7)), "x_mm", "y_mm", "z_mm"]
-        lines = [",".join(f"{value:.6f}" for value in row) for row in np.concatenate([rows, places], axis=1)]
-        table.write_text("\n".join([",".join(names), *lines]) + "\n")
-        words = ["import", str(table), "--rig", "ur10e", "--test", "pose", "-o", str(tmp_path / name)]
-        assert ran(*words).returncode == 0
-        runs.append(tmp_path / name)
-    results = evaluate_runs([load_run(run) for run in runs])
+    for name, rows in (("many", q), ("again", q), ("few", np.tile(q[:10], (5, 1)))):
+        places = forward(arm_of(RIG.robot), rows)[:, :3, 3] + rng.normal(0, 0.02, (len(rows), 3))
+        runs.append(pose_run("ur10e", rows, places, name))
+    results = evaluate_runs(runs)
     for order in (results, results[::-1]):
         (together,) = pooled(order)
         assert {run.measured.path.name for run in together.runs} == {"many", "again"}
@@ -84,8 +74,7 @@ def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps):
 def test_runs_of_two_placements_are_not_pooled(tmp_path):
     runs = list(write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], tmp_path))
     for run in runs[2:]:
-        done = CliRunner().invoke(app, ["relabel", str(run), "--placement", "door"])
-        assert done.exit_code == 0, done.exception
+        succeeded(f"relabel {run} --placement door")
     results = evaluate_runs([load_run(run) for run in runs])
     assert [[one.name for one in group] for group in by_test(results)] == [
         [run.name for run in runs[:2]],
@@ -102,18 +91,13 @@ def test_a_single_run_beside_repeated_ones_says_it_too(laps):
 
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps, tmp_path):
-    elsewhere = _with_ball_at(RIG, (1.4, -0.4, 0.1))
+    elsewhere = with_circle(RIG, eccentricity_mm=(1.4, -0.4, 0.1))
     (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], tmp_path)
     three = [*(result for result in laps if result.title == "yaw acw"), evaluate(load_run(path))]
     (one,) = as_object(three)["between_runs"]
     assert len(one["runs"]) == 2
     (why,) = one["left_out"].values()
     assert path.name not in one["runs"] and why
-
-
-def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
-    circle = rig.tests.circle.model_copy(update={"eccentricity_mm": ball_mm})
-    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
 def test_truth_without_values_of_a_test_is_reported(laps, tmp_path):

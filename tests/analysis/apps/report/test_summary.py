@@ -20,10 +20,11 @@ from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember, Movement
 from analysis.movement.between import with_movements
-from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis
+from tests.support.every import in_every_language
+from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis, judged
 
 EN = texts_of("en")
-CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+CONDITIONS = get_args(Condition)
 DRIVEN = (Deviation(um=93.0, largest_um=200, u_um=1.0, runs=2), Deviation(um=4.0, largest_um=9, u_um=1.0, runs=2))
 MOVED = Movement("a", "b", "base", 0.999, translation_mm=np.array([0.4, 0.0, 0.0]), u_mm=0.01, alike="plate")
 
@@ -44,17 +45,17 @@ def test_first_line_without_a_fault_is_green_only_within_the_limits():
     tones = {None: "pass", "pass": "pass", "watch": "watch", "fail": "fail"}
     found = diagnosis("uncalibrated")
     for standing, tone in tones.items():
-        judged = replace(found.accuracy, standing=standing, limit="rig_file")
-        assert summarise(replace(found, accuracy=judged)).tone == tone
-    assert with_driven_error(summarise(replace(found, accuracy=judged)), *DRIVEN, EN).tone == "pass"
-    assert summarise(replace(found, condition="undecided", accuracy=judged)).tone == "unjudged"
+        found = judged(found, standing=standing, limit="rig_file")
+        assert summarise(found).tone == tone
+    assert with_driven_error(summarise(found), *DRIVEN, EN).tone == "pass"
+    assert summarise(replace(found, condition="undecided")).tone == "unjudged"
 
 
 @pytest.mark.parametrize("condition", ["named", "ambiguous"])
 def test_a_fault_within_the_limits_needs_no_repair(condition):
     found = diagnosis(condition, acts=(REMASTER,))
     for standing in (None, "pass", "fail"):
-        summary = summarise(replace(found, accuracy=replace(found.accuracy, standing=standing)))
+        summary = summarise(judged(found, standing=standing))
         is_within = standing == "pass"
         for text, key in (
             (summary.headline, "fault_within_limits"),
@@ -63,12 +64,11 @@ def test_a_fault_within_the_limits_needs_no_repair(condition):
         ):
             assert (key in keys_of(text)) == is_within
         assert (summary.standing, summary.tone) == (condition, "watch")
-    passed = replace(found.accuracy, standing="pass")
-    measured_first = summarise(diagnosis(condition, acts=(APART,), accuracy=passed))
-    assert measured_first.next == summarise(diagnosis(condition, acts=(APART,))).next
+    measured_first = diagnosis(condition, acts=(APART,))
+    assert summarise(judged(measured_first, standing="pass")).next == summarise(measured_first).next
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_error_after_repair_and_correction_is_given_for_each_alone(language):
     """The figure assumed both steps, although the text forbade to combine them."""
     texts = texts_of(language)
@@ -112,8 +112,7 @@ def test_a_likely_cause_that_is_not_certain_says_that_its_size_is_uncertain(u_um
 @pytest.mark.parametrize(("standing", "key"), [(None, "act_none_sound"), ("pass", "act_none_sound_within")])
 def test_only_an_error_that_was_judged_is_within_the_limits(standing, key):
     found = diagnosis("nothing_unusual", acts=(Act("none", "sound", (0,)),))
-    summary = summarise(replace(found, accuracy=replace(found.accuracy, standing=standing)))
-    assert key in keys_of(summary.next)
+    assert key in keys_of(summarise(judged(found, standing=standing)).next)
 
 
 @pytest.mark.parametrize("doubt", ["unexplained", "commanded"])
@@ -122,9 +121,10 @@ def test_a_probable_effect_that_another_cause_may_imitate_says_so(doubt):
     summary = summarise(diagnosis("nothing_unusual", effects=(named,)))
     assert keys_of(summary.badge) == ("badge_cause_open",)
     assert {"not_confirmed_because", f"doubt_{doubt}"} <= set(keys_of(summary.headline))
+    assert EN("not_confirmed") in summary.causes[0].name
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_every_condition_has_a_summary_in_every_language(condition, language):
     found = diagnosis(condition)
@@ -187,17 +187,12 @@ def test_a_correction_that_compensates_all_faults_is_the_only_act_of_the_tile():
     assert keys_of(both.after_label) == ("error_after_correction_repair",) and both.after != alone.after
 
 
-def test_an_error_that_no_act_changes_is_stated_once():
+@pytest.mark.parametrize("share", [1.0, 0.99])
+def test_an_error_that_no_act_certainly_reduces_is_stated_once(share):
     found = diagnosis(acts=(REMASTER,))
-    same = replace(found.accuracy, calibrated_um=found.accuracy.before_there_um)
-    error = summarise(replace(found, accuracy=same)).error
+    assert summarise(found).error.after
+    error = summarise(judged(found, calibrated_um=share * found.accuracy.before_there_um)).error
     assert error.after == "" and "→" not in error.words + error.title
-
-
-def test_an_error_that_the_acts_do_not_certainly_reduce_is_not_shown_after_them():
-    found = diagnosis("named")
-    hardly = replace(found.accuracy, calibrated_um=0.99 * found.accuracy.before_there_um)
-    assert summarise(found).error.after and not summarise(replace(found, accuracy=hardly)).error.after
 
 
 def test_effects_that_no_reading_separates_are_named_together():
@@ -219,14 +214,14 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error():
     small = diagnosis(
         "undecided", repeated=False, shows_noise=False, train=noisy, effects=(replace(PLAY, doubt="usual"),)
     )
-    small = replace(small, accuracy=replace(small.accuracy, place="used", calibrated_um=3.8))
+    small = judged(small, place="used", calibrated_um=3.8)
     assert AnswerWords(small).gap_cells(small.train)["gap_calibrated"] == "3.8"
     step = replace(LOAD, removes_um=90.0, removes_u_um=1.0, remains_um=10.0, remains_u_um=4.0)
     for repeated in (True, False):
         sentence = ActWords(diagnosis("named", repeated=repeated, shows_noise=False, acts=(step,))).sentence(step)
         assert ("± 4.0" in sentence) == repeated
     for changes in ({"repeated": True}, {"repeated": False, "shows_noise": True}):
-        measured = summarise(diagnosis("named", **changes)).error  # type: ignore[arg-type]
+        measured = summarise(diagnosis("named", **changes)).error
         assert "±" in measured.now and EN("noise_assumed") not in measured.basis
 
 
@@ -266,14 +261,7 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step():
 
 def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed():
     found = diagnosis("undecided", only_commanded=True, effects=(replace(PLAY, doubt="commanded"),))
-    summary = summarise(found)
-    assert keys_of(summary.headline)[0] == "finding_only_commanded"
-    assert EN("not_confirmed") in summary.causes[0].name
-
-
-def test_a_cause_that_may_be_imitated_is_marked():
-    (first, *_) = summarise(diagnosis("outside_library", effects=(replace(PLAY, doubt="unexplained"),))).causes
-    assert EN("not_confirmed") in first.name
+    assert keys_of(summarise(found).headline)[0] == "finding_only_commanded"
 
 
 def test_small_parts_are_one_cause():
@@ -303,7 +291,7 @@ def test_an_error_and_its_uncertainty_have_the_same_decimals():
 
 def test_error_names_its_region_or_is_unknown():
     found = diagnosis("named")
-    used = replace(found, accuracy=replace(found.accuracy, place="used"))
+    used = judged(found, place="used")
     assert keys_of(summarise(used).error.basis)[0] == "basis_used"
     crossed = summarise(replace(used, residual=Residual(0.0, held_out=HeldOutResidual(123.0, 45.0, {})))).error.basis
     assert "123 µm" in crossed and keys_of(crossed)[0] == "basis_crossed"
@@ -313,28 +301,26 @@ def test_error_names_its_region_or_is_unknown():
     assert keys_of(summarise(held).error.now_label) == ("error_left_by_model",)
 
 
-def test_a_summary_survives_the_file_of_a_session():
-    found = diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),))
-    summary = summarise(found)
-    answer = Answer(
-        runs=2, condition="undecided", standing=None, headline="h", accuracy="a", next_step="n", parts=(), now_um=1,
-        calibrated_um=1, noise_um=1, seconds=1, found="f", summary=summary,
-        acts=(SessionAct(kind="none", why="sound", words="w"),),
+def answered(summary: Summary, *acts: SessionAct) -> Answer:
+    return Answer(
+        runs=2, condition="named", standing=None, headline="h", accuracy="a", next_step="n", parts=(), now_um=1,
+        calibrated_um=1, noise_um=1, seconds=1, found="f", summary=summary, acts=acts,
     )  # fmt: skip
+
+
+def test_a_summary_survives_the_file_of_a_session():
+    summary = summarise(diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),)))
+    answer = answered(summary, SessionAct(kind="none", why="sound", words="w"))
     assert Answer.model_validate(answer.model_dump(mode="json", exclude_defaults=True)).summary == summary
 
 
 def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_open():
     done = SessionAct(kind="load", why="correction", words="w", step="A.", action="a")
     still_open = SessionAct(kind="repair", why="fault", words="w", step="B.", action="b", command="rig moved")
-    answer = Answer(
-        runs=2, condition="named", standing=None, headline="h", accuracy="a", next_step="n", parts=(), now_um=1,
-        calibrated_um=1, noise_um=1, seconds=1, found="f", summary=summarise(diagnosis("named")),
-        acts=(done, still_open),
-    )  # fmt: skip
+    answer = answered(summarise(diagnosis("named")), done, still_open)
     session = Session.model_construct(answer=answer, judged=None, verified=None, correction=None)
     first = shown_summary(session)
-    assert first and first["next"] == "A." and first["error"]["size"] == "6.3 ± 1.9 → 1.9 ± 1.9 µm rms"
+    assert first["next"] == "A." and first["error"]["size"] == "6.3 ± 1.9 → 1.9 ± 1.9 µm rms"
     before, after = (Deviation(um=um, largest_um=200, u_um=1.0, runs=2) for um in (93.0, 4.0))
     verified = VerifiedError(same_before=before, same_after=after)
     correction = SessionCorrection(way="programs", sentence="s", before_um=93, expected_um=4)
@@ -344,7 +330,7 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     other = session.model_copy(update={"verified": both, "correction": correction}).sides[-1]
     assert (other.place, other.before, other.after) == ("elsewhere", before, None)
     corrected = shown_summary(verified_session)
-    assert corrected and corrected["command"] == "rig moved"
+    assert corrected["command"] == "rig moved"
     assert corrected["next"] == f"B. {EN('then_without_programs')}" and "; b." in corrected["headline"]
     assert corrected["error"]["size"] == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
     assert shown_summary(session.model_copy(update={"answer": answer.model_copy(update={"summary": None})})) is None
@@ -373,13 +359,13 @@ def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error():
     assert error.after == "2.9 ± 0.5" and EN("noise_assumed") not in error.basis
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_an_error_has_one_value_in_tile_sentence_and_table(language):
     """The tile stated an error as < 17 µm, and the details of the same page as 3.8 µm."""
     texts, found = texts_of(language), diagnosis("named")
     noisy = replace(found.train, noise_floor_um=24.6, calibrated_um=3.8)
-    judged = replace(found.accuracy, place="used", calibrated_um=3.8, before_there_um=90.0, now_um=90.0)
-    found = replace(found, train=replace(noisy, before_um=90.0), accuracy=judged)
+    found = replace(found, train=replace(noisy, before_um=90.0))
+    found = judged(found, place="used", calibrated_um=3.8, before_there_um=90.0, now_um=90.0)
     error, words = summarise(found, texts).error, AnswerWords(found, texts)
     assert error.after == "< 17" and error.basis.endswith(texts("error_bounded"))
     cells = words.gap_cells(found.train)
@@ -388,7 +374,7 @@ def test_an_error_has_one_value_in_tile_sentence_and_table(language):
     assert texts("error_bounded") not in summarise(diagnosis("named"), texts).error.basis
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_small_undecided_part_does_not_hide_certain_ones(language):
     """The headline was an undecided 0.7 % of the error, and the certain play of 97 % was not named."""
     texts = texts_of(language)
@@ -402,8 +388,7 @@ def test_small_undecided_part_does_not_hide_certain_ones(language):
     first, second = (summary.headline.lower().index(words.noun(one.effect).lower()) for one in (play, wave))
     assert first < second and "0.7 %" in summary.headline and words.noun(fault.effect) in summary.headline
     assert summary.headline.endswith(words.usual_or_faults) and words.usual_or_faults not in summary.unknowns
-    fails = replace(found, accuracy=replace(found.accuracy, standing="fail", limit="rig_file"))
-    assert summarise(fails, texts).tone == "fail"
+    assert summarise(judged(found, standing="fail", limit="rig_file"), texts).tone == "fail"
     plain = found.to_dict()
     assert plain["condition"] == "undecided"
     large = replace(found, budget=(replace(parts[0], share=0.8), replace(parts[1], share=0.15)))

@@ -12,9 +12,10 @@ import pytest
 
 from analysis.apps.report.diagnosis_answer import sections_of
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import LANGUAGES, capital, joined, keys_of, label, texts_of
+from analysis.apps.report.texts import capital, joined, keys_of, label, texts_of
 from analysis.diagnosis.judge.result import Condition
 from rigs.schema.limits import Limits
+from tests.support.every import in_every_language
 from tests.support.handmade_diagnosis import diagnosis
 
 SNAPSHOT = Path(__file__).with_name("catalogue.txt")
@@ -32,14 +33,14 @@ def test_the_english_texts_are_those_of_the_snapshot():
         summary = summarise(one, texts)
         lines += ["", f"== {condition}", f"{summary.badge}: {summary.headline}", *summary.unknowns]
         lines += [summary.error.title, summary.error.words, summary.error.basis, summary.next]
-        lines += [block.text for name in ("details", "acts") for block in sections_of(one, texts)[name][1:]]  # type: ignore[union-attr]
+        lines += [block.text for name in ("details", "acts") for block in sections_of(one, texts)[name][1:]]
     text = "\n".join(lines) + "\n"
     if os.environ.get("UPDATE_SNAPSHOT"):
-        SNAPSHOT.write_text(text, encoding="utf-8")
-    assert SNAPSHOT.read_text(encoding="utf-8") == text
+        SNAPSHOT.write_text(text)
+    assert SNAPSHOT.read_text() == text
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_a_language_has_every_text_with_the_same_places(language):
     english, other = texts_of("en").words, texts_of(language).words
     assert english.keys() == other.keys()

@@ -1,23 +1,19 @@
 """Wrong use of a session: each mistake has its code, and the stored state is unchanged."""
 
-import json
-from pathlib import Path
-
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.session.session_plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
 from analysis.apps.session.session_state import Emulated, SessionDirectory, Try
-from analysis.cli import app
 from daq.store import durable
-from rigs.errors import CellError, RigError
 from rigs.load import load
 from rigs.schema.vocabulary import MAKERS
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, failure_of, json_of, succeeded
+from tests.support.refusals import refused
 from tests.support.session_cell import begun, cell_file
+from tests.support.written_files import contents
 
 
 @pytest.fixture
@@ -25,29 +21,22 @@ def cell(tmp_path):
     return cell_file(tmp_path)
 
 
-def one_line(text: str) -> str:
-    """The error, which is one line."""
-    lines = text.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("error: "), text
-    return lines[0]
-
-
-def refused(*words: str | Path) -> str:
-    """Run `rig session` and return the code of its failure."""
-    error = CliRunner().invoke(app, ["session", *map(str, words)]).exception
-    assert isinstance(error, RigError), error
-    return error.code
+@pytest.fixture
+def own(cell, tmp_path):
+    """The directory of a session that has begun."""
+    begun(cell, tmp_path / "own")
+    return tmp_path / "own"
 
 
 def test_status_shows_every_step_and_json_the_whole_state(cell, tmp_path):
     session = begun(cell, tmp_path / "own")
-    shown = ran("session", cell, "-o", tmp_path / "own", "--status")
-    assert shown.returncode == 0 and all(step.program in shown.stdout for step in session.steps)
+    shown = succeeded(f"session {cell} -o {tmp_path}/own --status")
+    assert all(step.program in shown.stdout for step in session.steps)
     assert f"rig session {cell}" in shown.stdout
     assert f" -o {tmp_path / 'own'} --for {session.maker}" in shown.stdout
     fast = session.model_copy(update={"emulated": Emulated(fast=True)})
     assert SessionDirectory(tmp_path).command(cell, fast).endswith(f" --for {session.maker} --emulated --fast")
-    plain = json.loads(ran("session", cell, "-o", tmp_path / "own", "--status", "--json").stdout)
+    plain = json_of(f"session {cell} -o {tmp_path}/own --status")
     assert plain["steps"][0]["program"] == "p01-yaw-acw" and plain["rig"] == session.rig
 
 
@@ -64,13 +53,12 @@ def test_status_shows_every_step_and_json_the_whole_state(cell, tmp_path):
         ("driven_minutes", "-5", "driven_minutes"),
     ],
 )
-def test_impossible_value_is_refused_with_its_line(key, value, said, cell, tmp_path):
-    begun(cell, tmp_path / "own")
-    file = tmp_path / "own" / "session.yaml"
+def test_impossible_value_is_refused_with_its_line(key, value, said, cell, own):
+    file = own / "session.yaml"
     kept = [line for line in file.read_text().splitlines() if not line.startswith(f"{key}:")]
     file.write_text("\n".join([*kept[:2], f"{key}: {value}", *kept[2:]]) + "\n")
-    done = ran("session", cell, "-o", tmp_path / "own", "--status")
-    assert done.returncode == 3 and f"{file}, line 3, {said}" in one_line(done.stderr)
+    (line,) = errors_of(f"session {cell} -o {own} --status").splitlines()
+    assert line.startswith("error: ") and f"{file}, line 3, {said}" in line
 
 
 @pytest.mark.parametrize(
@@ -84,72 +72,67 @@ def test_impossible_value_is_refused_with_its_line(key, value, said, cell, tmp_p
         ("minutes:", "minutes: .nan\nminuten:", "minuten"),
     ],
 )
-def test_edited_file_is_checked_with_its_line(old, new, said, cell, tmp_path):
-    begun(cell, tmp_path / "own")
-    file = tmp_path / "own" / "session.yaml"
+def test_edited_file_is_checked_with_its_line(old, new, said, cell, own):
+    file = own / "session.yaml"
     edited = file.read_text().replace(old, new, 1)
     file.write_text(edited)
-    done = ran("session", cell, "-o", tmp_path / "own", "--for", "kuka")
-    assert done.returncode == 3 and said in done.stderr
-    assert all(line.startswith("error: ") for line in done.stderr.splitlines())
+    errors = errors_of(f"session {cell} -o {own} --for kuka")
+    assert said in errors and all(line.startswith("error: ") for line in errors.splitlines())
     assert file.read_text() == edited
 
 
-def test_other_rig_file_is_refused(cell, tmp_path):
-    begun(cell, tmp_path / "own")
+def test_other_rig_file_is_refused(cell, own):
     cell.write_text(cell.read_text() + "# changed\n")
     for option in (("--for", "kuka"), ("--status",)):
-        assert refused(cell, "-o", tmp_path / "own", *option) == "session.other_rig_file"
+        assert failure_of("session", cell, "-o", own, *option)[1] == "session.other_rig_file"
 
 
 def test_session_with_a_missing_run_is_refused(cell, tmp_path):
     session, place = begun(cell, tmp_path / "own"), SessionDirectory(tmp_path / "own")
     place.write(session.with_try(0, Try(run="there")))
     for option in (("--for", session.maker), ("--status",)):
-        assert refused(cell, "-o", place.directory, *option) == "session.run_missing"
+        assert failure_of("session", cell, "-o", place.directory, *option)[1] == "session.run_missing"
     place.run("there").mkdir(parents=True)
-    assert ran("session", cell, "-o", place.directory, "--status").returncode == 0
+    succeeded(f"session {cell} -o {place.directory} --status")
 
 
-def test_session_of_a_real_cell_is_not_continued_in_an_emulated_one(cell, tmp_path):
-    begun(cell, tmp_path / "own")
-    assert refused(cell, "-o", tmp_path / "own", "--for", "kuka", "--emulated") == "session.other_cell"
+def test_session_of_a_real_cell_is_not_continued_in_an_emulated_one(cell, own):
+    assert failure_of(f"session {cell} -o {own} --for kuka --emulated")[1] == "session.other_cell"
 
 
-def test_second_session_in_a_directory_is_refused(cell, tmp_path):
-    begun(cell, tmp_path / "own")
-    with SessionDirectory(tmp_path / "own"):
-        assert refused(cell, "-o", tmp_path / "own", "--for", "kuka") == "session.in_use"
-        assert ran("session", cell, "-o", tmp_path / "own", "--status").returncode == 0
+def test_second_session_in_a_directory_is_refused(cell, own):
+    with SessionDirectory(own):
+        assert failure_of(f"session {cell} -o {own} --for kuka")[1] == "session.in_use"
+        succeeded(f"session {cell} -o {own} --status")
 
 
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        (("--status",), "session.none"),
-        (("--for", "kuka", "--minutes", "3"), "session.minutes"),
-        (("--for", "kuka", "--effects", "x.yaml"), "session.option_unused"),
-        (("--for", "kuka", "--fast"), "session.option_unused"),
-        (("--for", "kuka", "--minutes", "60", "--entered"), "session.no_entries"),
+        ("--status", "session.none"),
+        ("--for kuka --minutes 3", "session.minutes"),
+        ("--for kuka --effects x.yaml", "session.option_unused"),
+        ("--for kuka --fast", "session.option_unused"),
+        ("--for kuka --minutes 60 --entered", "session.no_entries"),
     ],
 )
 def test_impossible_option_is_refused(options, code, cell, tmp_path):
-    assert refused(cell, "-o", tmp_path / "own", *options) == code
+    assert failure_of(f"session {cell} -o {tmp_path}/own {options}")[1] == code
     assert not (tmp_path / "own" / "session.yaml").exists()
 
 
 def test_unknown_maker_is_asked_for(cell, tmp_path):
-    data = yaml.safe_load(cell.read_text())
+    data = contents(cell)
     data["robot"]["name"] = "arm"
     cell.write_text(yaml.safe_dump(data, sort_keys=False))
-    assert refused(cell, "-o", tmp_path / "own") == "session.maker"
+    assert failure_of(f"session {cell} -o {tmp_path}/own")[1] == "session.maker"
 
 
 def test_missing_ports_end_the_session_and_keep_its_state(cell, tmp_path):
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("XDG_RUNTIME_DIR", str(tmp_path))
         tmp_path.chmod(0o700)
-        assert refused(cell, "-o", tmp_path / "own", "--for", "kuka") == "process.ended"
+        assert failure_of(f"session {cell} -o {tmp_path}/own --for kuka")[1] == "process.ended"
     kept = SessionDirectory(tmp_path / "own").read()
     assert kept.steps[0].is_open
 
@@ -161,9 +144,8 @@ def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
         raise OSError(28, "full")
 
     monkeypatch.setattr(durable, "create", full)
-    with SessionDirectory(tmp_path / "own") as place, pytest.raises(CellError) as error:
+    with SessionDirectory(tmp_path / "own") as place, refused("disk.write"):
         place.write(session.model_copy(update={"minutes": 9.0}))
-    assert error.value.code == "disk.write"
     assert SessionDirectory(tmp_path / "own").read() == session
 
 

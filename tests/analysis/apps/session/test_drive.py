@@ -49,9 +49,9 @@ class Cell(RealCell):
         asked = replace(asked_for(bench.session), wait_min=_WAIT_S / 60)
         super().__init__(bench.session, Path("/"), bench.screen, asked)
         self.bench, self.robot = bench, robot
-        self.requests: list[tuple[str, dict[str, Any]]] = []
-        self.refusals: list[CellError] = []
-        self.missing: list[str] = []
+        self.requests = []
+        self.refusals = []
+        self.missing = []
         self.went_on = 0
 
     def start_rigd(self, rig_file: Path) -> None:

@@ -38,20 +38,8 @@ def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path):
     cell, directory = cell_file(tmp_path), tmp_path / "own"
     runtime = tmp_path / "runtime"
     runtime.mkdir(mode=0o700)
-    command: list[str | Path] = [
-        BIN / "rig",
-        "session",
-        cell,
-        "--for",
-        "kuka",
-        "--aim",
-        "check",
-        "--minutes",
-        "1.4",
-        "-o",
-        directory,
-    ]
-    command += ["--emulated", "--effects", "paper-fanuc"]
+    words = f"session {cell} --for kuka --aim check --minutes 1.4 -o {directory} --emulated --effects paper-fanuc"
+    command = [BIN / "rig", *words.split()]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime)}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as first:
         until_s = time.monotonic() + _STARTS_S

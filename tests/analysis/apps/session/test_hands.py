@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -17,7 +16,7 @@ from rigs.load import find
 from tests.support.refusals import refused
 from tests.support.session_cell import Screen, asked_for, begun
 
-PROGRAM: Any = SimpleNamespace(name="p01-yaw-acw")
+PROGRAM = SimpleNamespace(name="p01-yaw-acw")
 
 
 class Cell(ServedCell):
@@ -29,9 +28,9 @@ class Cell(ServedCell):
         session = session.model_copy(update={"emulated": Emulated()})
         super().__init__(session, directory, Screen(), asked_for(session))
         self.answers = answers
-        self.typed: list[str] = []
-        self.hear: Callable[[CellEvent], None] = print
-        self.seeds: list[int] = []
+        self.typed = []
+        self.hear = print
+        self.seeds = []
 
     def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> Machine:
         self.hear = hear
@@ -123,9 +122,9 @@ def test_inference_that_fails_or_is_killed_says_so(tmp_path):
 
 
 def test_event_is_a_line_of_json_and_other_lines_are_ignored():
-    events: list[CellEvent] = []
+    events = []
     robot = SimpleNamespace(stop=lambda: False, pause=None, go_on=None, show=lambda column, value: None)
-    keyboard = Keyboard(robot, None, print, events.append)  # type: ignore[arg-type]
+    keyboard = Keyboard(robot, None, print, events.append)
     keyboard.take("stop")
     keyboard.take("show speed_percent 40")
     assert [(event.event, event.name) for event in events] == [("refused", "stop"), ("shows", "speed_percent")]

@@ -1,6 +1,5 @@
 """A play is corrected in a program, whose ways are known: judged by a play and an arm apart from the product's."""
 
-import datetime as dt
 from pathlib import Path
 
 import numpy as np
@@ -9,23 +8,22 @@ import pytest
 from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.session.correction_step import corrected_programs
 from analysis.apps.session.session_plan import SessionProgram, programs_of_steps, write_programs
-from rigs.effects import Backlash, Effect, EffectProvenance
+from rigs.effects import Backlash, Effect
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.support.session_cell import begun, cell_file
-from tests.worlds.arms.faulty_arm import flange_at, frame
-from tests.worlds.arms.independent_arm import Array, Wrong
+from tests.worlds.arms.faulty_arm import flange_at, found, frame
+from tests.worlds.arms.independent_arm import Array
 from tests.worlds.interpreters.arms import pose_of
 
 WIDTH_DEG = {1: 0.03, 5: 0.02}
-SOUND = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
 
 
 def plays(u_deg: float) -> tuple[Effect, ...]:
     """The plays as they were found, with this standard uncertainty."""
-    found = EffectProvenance(date=dt.date(2026, 11, 25), runs=("a",), sd={"width_deg": u_deg})
-    return tuple(Backlash(axis=axis, width_deg=width, found=found) for axis, width in WIDTH_DEG.items())
+    known = found(width_deg=u_deg)
+    return tuple(Backlash(axis=axis, width_deg=width, found=known) for axis, width in WIDTH_DEG.items())
 
 
 def links_behind(q: Array) -> Array:
@@ -42,9 +40,8 @@ def links_behind(q: Array) -> Array:
 def off_um(rig: Rig, q: Array) -> float:
     """Return the rms distance in µm between tool and circle, without the offset of the circle."""
     circle, tool, base = rig.tests.circle, pose_of(rig.robot.tool), pose_of(rig.robot.base)
-    assert circle
     T_tool = frame(tool.place, tool.turn)
-    places = np.array([(flange_at(rig, one, SOUND) @ T_tool)[:3, 3] for one in links_behind(q)])
+    places = np.array([(flange_at(rig, one) @ T_tool)[:3, 3] for one in links_behind(q)])
     from_ball = base.turn.apply(places) + base.place - circle.centre_mm
     radius = np.linalg.norm(from_ball, axis=1)
     on_circle = np.abs(radius - circle.radius_mm) < 1
@@ -59,7 +56,7 @@ def test_programs_that_know_a_play_take_most_of_it_away(maker, tmp_path):
     rig, _ = load(cell_file(tmp_path))
     session = begun(tmp_path / "cell.yaml", tmp_path / "session")
     steps = [step for step in session.steps if step.purpose == "find"]
-    off: dict[str, dict[str, float]] = {}
+    off = {}
     for what, u_deg in {"known": 0.001, "unsure": 0.02}.items():
         model = rig.model_copy(update={"effects": plays(u_deg)})
         programs = corrected_programs(rig, model, session.stages[:1], steps)

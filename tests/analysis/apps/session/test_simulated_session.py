@@ -24,7 +24,7 @@ class Told(CellInSimulatedTime):
     """A cell whose runs are diagnosed immediately."""
 
     def infer(self, *request: Any) -> Inference:
-        return replace(Oracle()(*request), kept=None)  # type: ignore[call-arg]  # an InstantDiagnosis
+        return replace(Oracle()(*request), kept=None)  # an InstantDiagnosis
 
 
 class Stopping(Told):

@@ -26,6 +26,7 @@ from analysis.apps.session.session_state import (
 from analysis.correction.deviation import Deviation
 from rigs.errors import CellError
 from rigs.load import load
+from tests.support.refusals import refused
 from tests.support.session_cell import NAMED, InstantDiagnosis, Killed, Screen, asked_for, begun, cell_file
 
 ACW, CW = "p01-yaw-acw", "p02-yaw-cw"
@@ -55,7 +56,7 @@ class Scripted(RealCell):
 
     def infer(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
         self.requests.append(([run.name for run in used], len(judges)))
-        return InstantDiagnosis(self.diagnoses.pop(0))  # type: ignore[return-value]  # like an inference
+        return InstantDiagnosis(self.diagnoses.pop(0))  # like an inference
 
     def enter(self, file: Path) -> bool:
         self.requests.append("enter")
@@ -126,10 +127,19 @@ def test_run_counts_for_the_step_of_its_program(run, tries, left_alone, followin
     assert session.left_alone == left_alone and requests == ["yaw", ACW, following]
 
 
+@pytest.mark.parametrize(("held_up", "code"), [(0, "program.failed"), (2, "computer.delayed")])
+def test_third_unusable_run_ends_the_session(held_up, code, at_start, tmp_path):
+    with refused(code) as error:
+        conduct(at_start, tmp_path, [ProgramRun(f"r{k}", ACW, "g1: 3 silent", held_up) for k in range(3)])
+    assert ACW in str(error.value) and "g1: 3 silent" in error.value.what
+    kept = SessionDirectory(tmp_path).read()
+    assert kept and len(kept.steps[0].tries) == 3 and kept.steps[0].is_open
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_both_directions_are_diagnosed_during_the_next_program(fails, at_start, tmp_path):
     answer = NAMED.model_copy(update={"runs": 2})
-    diagnosis: Answer | CellError = CellError("inference", "no lap", "see the log") if fails else answer
+    diagnosis = CellError("inference", "no lap", "see the log") if fails else answer
     session, requests = conduct(at_start, tmp_path, [ProgramRun("a", ACW), ProgramRun("b", CW)], [diagnosis])
     assert requests[3] == (["a", "b"], 0) and requests[4:] == [session.steps[2].program]
     assert session.answer == (None if fails else answer)
@@ -146,7 +156,7 @@ def test_correction_is_loaded_or_entered_before_the_verification(
     verify = {step.program for step in at_start.steps if step.purpose == "verify"}
     by_programs = correction.way == "programs"
     fixed = {
-        name: SessionProgram(f"{name}-fixed", "other", "yaw", "acw", None, 1.0)  # type: ignore[arg-type]  # not driven
+        name: SessionProgram(f"{name}-fixed", "other", "yaw", "acw", None, 1.0)  # not driven
         for name in verify
         if by_programs
     }
@@ -157,11 +167,18 @@ def test_correction_is_loaded_or_entered_before_the_verification(
     assert all(program.endswith("-fixed") == by_programs for program in programs)
     assert made[: len(requests)] == requests and made[-1] == programs[0]
     assert ("other" in made) == by_programs, "corrected programs are loaded also at the present stage"
-    assert session.correction and session.correction.entered != by_programs
+    assert session.correction.entered != by_programs
 
 
-@pytest.mark.parametrize("refused", [True, False])
-def test_nothing_is_corrected_without_a_model_or_against_the_judgement(refused, at_start, tmp_path, monkeypatch):
+def test_unconfirmed_entries_end_the_session(at_start, tmp_path, monkeypatch):
+    monkeypatch.setattr(Scripted, "enter", lambda *_: False)
+    with refused("session.not_entered") as error:
+        conduct(known(at_start).model_copy(update={"correction": BY_ENTRIES}), tmp_path)
+    assert error.value.remedy.endswith(" --entered")
+
+
+@pytest.mark.parametrize("is_refused", [True, False])
+def test_nothing_is_corrected_without_a_model_or_against_the_judgement(is_refused, at_start, tmp_path, monkeypatch):
     session = known(at_start)
     assert session.answer and session.judged
     changed = {
@@ -171,9 +188,9 @@ def test_nothing_is_corrected_without_a_model_or_against_the_judgement(refused, 
     monkeypatch.setattr(Conductor, "_report", lambda _: pytest.fail("report"))
     monkeypatch.setattr(run_session, "corrected", lambda *_: pytest.fail("correction"))
     with pytest.raises(pytest.fail.Exception, match="report"):
-        conduct(session.model_copy(update=changed[refused]), tmp_path)
+        conduct(session.model_copy(update=changed[is_refused]), tmp_path)
     kept = SessionDirectory(tmp_path).read()
-    assert kept and kept.correction and kept.correction.way == "none" and not kept.open_steps
+    assert kept.correction.way == "none" and not kept.open_steps
 
 
 def test_correction_changes_the_recommended_acts(at_start):

@@ -38,7 +38,7 @@ def cell():
 
 def seen(watch: ProgramWatch, joints: list[Array]) -> list[str]:
     """Events of a watch up to the first end, each once and in order."""
-    found: list[str] = []
+    found = []
     for k, q in enumerate(joints):
         one = watch.feed(k * _PERIOD_S, q)
         if not found or found[-1] != one:
@@ -60,13 +60,6 @@ def test_a_way_of_two_laps_is_no_way_of_one(cell):
     assert 0.3 < half.share < 0.36
 
 
-def test_another_program_is_recognised_at_its_start(cell):
-    watch = ProgramWatch(cell.ways, "p01-yaw-acw")
-    before = [cell.ways["p01-yaw-acw"].q_deg[900]] * 3
-    assert seen(watch, [*before, *cell.driven("p03-yaw-acw-other")])[-1] == "ended"
-    assert watch.program == "p03-yaw-acw-other"
-
-
 def test_no_program_begins_by_itself_after_another(cell):
     end = cell.ways["p01-yaw-acw"].q_deg[-1]
     assert np.abs(end - cell.ways["p02-yaw-cw"].q_deg[0]).max() < 0.1, "cw begins where acw ends"
@@ -81,13 +74,6 @@ def test_a_robot_that_leaves_the_way_drives_something_else(cell):
     away = cell.driven("p01-yaw-acw", 0.2, 0)
     moved = away[-1] + np.outer(np.arange(30), [0, 0.5, 0, 0, 0, 0])
     assert seen(watch, [*away, *moved])[-1] == "astray"
-
-
-def test_a_robot_that_drives_no_program_is_seen_elsewhere(cell):
-    watch = ProgramWatch(cell.ways, "p01-yaw-acw")
-    ramp = np.outer(np.arange(30), [1.0, 0, 0, 0, 0, 0])
-    assert seen(watch, [*ramp, *([ramp[-1]] * 60)]) == ["nothing", "elsewhere"]
-    assert watch.program == ""
 
 
 def test_flicker_is_no_motion(cell):

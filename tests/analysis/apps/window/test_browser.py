@@ -51,16 +51,10 @@ def sent(one: Browser, field: str, value: str) -> None:
     one.value(f"{element}.value = {value!r}; setTimeout(() => {element}.form.submit(), 50); true")
 
 
-def sized(one: Browser, size: tuple[int, int], **media: str) -> None:
-    one.send("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
-    one.send("Emulation.setEmulatedMedia", features=[{"name": name, "value": value} for name, value in media.items()])
-    one.until(f"innerWidth === {size[0]}")
-
-
 def violations(one: Browser) -> list[Any]:
     """Violations of accessibility rules (WCAG 2.1 A and AA, and best practice) found by axe."""
     if not one.value("typeof axe !== 'undefined'"):
-        one.value((resources.files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8") + "; true")
+        one.value((resources.files("axe_core_python") / "axe.min.js").read_text() + "; true")
     found = json.loads(one.value("axe.run().then(found => JSON.stringify(found.violations))"))
     return [(rule["id"], [node["html"][:120] for node in rule["nodes"][:3]]) for rule in found]
 
@@ -93,7 +87,7 @@ def chromium(started):
     """A fresh browser without output or cookies."""
     started.send("Page.navigate", url="about:blank")
     started.send("Network.clearBrowserCookies")
-    sized(started, SIZES["desk"])
+    started.sized(*SIZES["desk"])
     started.events.clear()
     return started
 
@@ -113,7 +107,7 @@ def runs(tmp_path_factory):
 def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium, runs):
     with served(runs, source=Playing(runs / "runs" / "run-1", 12.0)) as one:
         port = one.port
-        sized(chromium, SIZES["desk"])
+        chromium.sized(*SIZES["desk"])
         opened(chromium, one.address)
         chromium.until(f"{TEXT.format('acw-band')}.includes('…')")
         chromium.until(f"known.now.tick >= {chromium.value('known.now.tick') + 10}")
@@ -126,7 +120,7 @@ def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium, runs)
         shows_what_is_read(chromium, one.window)
         for name, size in SIZES.items():
             for scheme in ("light", "dark") if name == "desk" else ("light",):  # contrast is the same at every size
-                sized(chromium, size, **{"prefers-color-scheme": scheme})
+                chromium.sized(*size, prefers_color_scheme=scheme)
                 assert chromium.value("document.documentElement.scrollWidth") <= size[0], name
                 assert violations(chromium) == [], (name, scheme)
         hold_quiet(chromium, port)
@@ -134,7 +128,7 @@ def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium, runs)
     assert chromium.value("document.getElementById('live').classList.contains('stale-all')")
     with served(runs, source=Playing(runs / "runs" / "run-1", 12.0), port=port):
         chromium.until("!document.getElementById('state').classList.contains('stale')")
-    sized(chromium, SIZES["desk"])
+    chromium.sized(*SIZES["desk"])
 
 
 @pytest.mark.cpu_limit(150)
@@ -152,7 +146,7 @@ def test_every_page_is_accessible_and_hostile_names_do_nothing(chromium, runs, t
         ):
             opened(chromium, one.address + path)
             for size in SIZES.values():
-                sized(chromium, size)
+                chromium.sized(*size)
                 assert chromium.value("document.documentElement.scrollWidth") <= size[0], path
             assert violations(chromium) == [], path
         opened(chromium, f"{one.address}/runs/run-1")
@@ -192,7 +186,7 @@ def test_lap_is_recorded_from_the_page_and_survives_the_daemon(chromium, tmp_pat
         bench.rig = tmp_path / "cell" / "rig.yaml"
         bench.start().all_reading()
         with served(tmp_path, find=lambda: bench.socket, control=True) as one:
-            sized(chromium, SIZES["desk"])
+            chromium.sized(*SIZES["desk"])
             opened(chromium, one.address)
             chromium.until("!document.getElementById('g1').textContent.includes('–')")
             chromium.value("document.getElementById('label-name').value = 'lap'; document.forms[1].requestSubmit()")

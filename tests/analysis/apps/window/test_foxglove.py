@@ -45,8 +45,8 @@ def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path):
     one, known = Foxglove(0, rig), {}
     try:
         with connect(f"ws://127.0.0.1:{one.port}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
-            names: dict[int, str] = {}
-            last: dict[str, dict[str, object]] = {}
+            names = {}
+            last = {}
             end_s, passed_s = time.monotonic() + PATIENCE_S, 0.0
             while len(last) < 3:
                 assert time.monotonic() < end_s, (names, last.keys())
@@ -82,7 +82,7 @@ def test_an_mcap_reader_moves_the_arm(tmp_path):
     file = BytesIO()
     write_mcap(run, file)
     reader = make_reader(BytesIO(file.getvalue()), validate_crcs=True)
-    messages: dict[str, list[dict[str, object]]] = {}
+    messages = {}
     for schema, channel, message in reader.iter_messages(["/joint_states", "/robot_description"]):
         assert schema.name in ("foxglove.JointStates", "std_msgs/String")
         messages.setdefault(channel.topic, []).append(json.loads(message.data))

@@ -18,7 +18,7 @@ import pytest
 from analysis import load_run
 from analysis.apps.live.view import GaugeReading, LiveView, Update
 from analysis.apps.report.texts import LANGUAGES
-from analysis.apps.session.session_state import ProgramStep, Session, SessionDirectory, Try
+from analysis.apps.session.session_state import SessionDirectory, Try
 from analysis.apps.window import frames
 from analysis.apps.window.app import language_of
 from analysis.apps.window.app import words_of as texts_of
@@ -26,11 +26,13 @@ from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.frames import summary
 from analysis.apps.window.watcher import Board, Watcher
 from daq.store.marks import load_marks
-from rigs.errors import CellError
+from rigs.load import find
 from tests.support.nightly import cases
-from tests.support.session_cell import NAMED
+from tests.support.refusals import refused
+from tests.support.session_cell import NAMED, begun
 from tests.support.simulated_laps import lap_run, watched_lap
 from tests.support.windows import PATIENCE_S, Served, no_daemon, served, told
+from tests.support.written_files import contents
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -86,8 +88,8 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one):
     assert "+0.0" in page.text and "<b>bold" not in page.text
     assert one.ask("/compare?run=good").status == one.ask("/report").status == 400
     assert one.ask("/report?run=nothing").status == 404
-    refused = one.until("/report?run=torn", lambda answer: answer.status != 202)
-    assert refused.status == 409 and "torn" in refused.text
+    damaged = one.until("/report?run=torn", lambda answer: answer.status != 202)
+    assert damaged.status == 409 and "torn" in damaged.text
 
 
 def test_a_run_has_curves_and_figures(one):
@@ -99,7 +101,7 @@ def test_a_run_has_curves_and_figures(one):
     assert one.ask("/runs/good/table.exe").status == 404
 
 
-ROWS: dict[str, Callable[[bytes], int]] = {
+ROWS = {
     "csv": lambda data: data.count(b"\n") - 1,
     "parquet": lambda data: pq.read_table(io.BytesIO(data)).num_rows,
     "xlsx": lambda data: zipfile.ZipFile(io.BytesIO(data)).read("xl/worksheets/sheet1.xml").count(b"<row ") - 1,
@@ -127,30 +129,14 @@ def test_hostile_names_lead_nowhere_and_are_text(one, name):
 
 
 def test_session_is_shown_and_a_damaged_file_reported(tmp_path):
-    step = ProgramStep(program="p01-yaw-acw", stage="yaw", test="yaw", direction="acw", seconds=60)
-    session = Session.model_validate(
-        {
-            "rig": "cell",
-            "rig_file": "cell.yaml",
-            "rig_sha256": "0" * 64,
-            "aim": "faults",
-            "maker": "ur",
-            "minutes": 50,
-            "began": "2026-11-25T10:00:00+00:00",
-            "stages": [{"name": "yaw", "words": "the centre"}],
-            "steps": [step.model_copy(update={"tries": (Try(run="r1"),)}), step],
-            "answer": NAMED,
-        }
-    )
+    session = begun(find("paper-fanuc"), tmp_path, 11).with_try(0, Try(run="r1"))
+    session = session.model_copy(update={"answer": NAMED})
     shown = summary(session)
-    assert shown["next"] == {
-        "key": "drive",
-        "program": "p01-yaw-acw",
-        "number": 2,
-        "of": 2,
-        "stage": session.stages[0].words,
-    }
-    assert [one["state"] for one in shown["steps"]] == ["driven", "open"] and shown["parts"][0]["fault"]
+    following, words = session.steps[1].program, session.stages[0].words
+    count = len(session.steps)
+    assert shown["next"] == {"key": "drive", "program": following, "number": 2, "of": count, "stage": words}
+    assert [one["state"] for one in shown["steps"]] == ["driven", *["open"] * (count - 1)]
+    assert shown["parts"][0]["fault"]
     place = SessionDirectory(tmp_path)
     place.write(session)
     with served(tmp_path, session=tmp_path) as window:
@@ -210,7 +196,7 @@ def test_unknown_values_are_null_and_never_nan():
 def test_each_language_has_each_text():
     english = texts_of("en")
     files = [file for file in (*TEMPLATES.iterdir(), *WINDOW.glob("*.py")) if file.suffix != ".yaml"]
-    used = "".join(file.read_text(encoding="utf-8") for file in files)
+    used = "".join(file.read_text() for file in files)
     for language in LANGUAGES:
         own = texts_of(language)
         assert own.keys() == english.keys(), language
@@ -253,9 +239,9 @@ def test_a_full_queue_asks_to_retry(one, monkeypatch):
 
 
 def test_dashboard_queries_existing_metrics(one):
-    dashboard = json.loads((ROOT / "docs" / "grafana-dashboard.json").read_text(encoding="utf-8"))
+    dashboard = contents(ROOT / "docs" / "grafana-dashboard.json")
     one.until("/runs", lambda answer: "error band" in answer.text)
-    sources = "".join((ROOT / name).read_text(encoding="utf-8") for name in METRICS)
+    sources = "".join((ROOT / name).read_text() for name in METRICS)
     queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
     named = {name for query in queries for name in re.findall(r"rig_[a-z_]+", query)}
     assert len(queries) > 8 and all(f'"{name}"' in sources for name in named), named
@@ -274,6 +260,5 @@ def test_session_continues_by_its_own_command_and_shows_its_lines(tmp_path):
         assert "none.yaml" in controls.session_lines()[-1]
     finally:
         controls.close()
-    with pytest.raises(CellError) as refused:
+    with refused("window.no_cell"):
         WindowControls(Watcher(no_daemon, None), None, "").do("session", {})
-    assert refused.value.code == "window.no_cell"

@@ -8,7 +8,7 @@ import pytest
 
 from rigs.distribution import to_install
 from tests.support.bench import BIN
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, ran
 
 
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 0)])
@@ -46,5 +46,4 @@ def test_wrong_options_are_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     for name in [name for name in sys.modules if name.startswith("analysis.apps.window")]:
         monkeypatch.delitem(sys.modules, name)
-    done = ran("window", cwd=tmp_path)
-    assert done.returncode == 4 and to_install("starlette", "uvicorn") in done.stderr
+    assert to_install("starlette", "uvicorn") in errors_of("window", cwd=tmp_path, exit_code=4)

@@ -21,13 +21,11 @@ from analysis.apps.correct.corrected_program import CorrectedProgram
 from rigs.rig import Rig
 from tests.analysis.apps.correct.programs.cells import (
     BARE,
-    FANUC_STATED,
     HEAD,
-    KUKA_STATED,
     LINUXCNC_HEAD,
     OTHER,
+    STATED,
     TCP,
-    YASKAWA_STATED,
     Files,
     abb_files,
     corrected_files,
@@ -43,7 +41,6 @@ from tests.analysis.apps.correct.programs.cells import (
 )
 
 FOLDER = Path(__file__).parent / "cases"
-STATED = {"kuka": KUKA_STATED, "fanuc": FANUC_STATED, "yaskawa": YASKAWA_STATED}
 BY_NAME = ("fanuc", "yaskawa")
 
 
@@ -58,10 +55,8 @@ class Case:
     start: tuple[float, ...] | None
 
     def corrected(self, directory: Path, ends: str = "\n") -> CorrectedProgram:
-        stated = STATED.get(self.maker, ([], []))
-        return corrected_files(
-            self.rig, directory, self.files, *stated, ends=ends, start=self.start, neutral=self.neutral
-        )
+        options = {"ends": ends, "start": self.start, "neutral": self.neutral}
+        return corrected_files(self.rig, directory, self.files, *STATED.get(self.maker, ()), **options)
 
     def left_in(self, found: CorrectedProgram) -> list[tuple[str, str]]:
         return sorted(
@@ -73,7 +68,7 @@ class Case:
 
 def cases_of(maker: str) -> Files:
     """The texts of the cases of a maker, by name."""
-    _, *texts = re.split(r"^=== ", (FOLDER / f"{maker}.txt").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    _, *texts = re.split(r"^=== ", (FOLDER / f"{maker}.txt").read_text(), flags=re.MULTILINE)
     return {name: text for name, _, text in (text.partition("\n") for text in texts)}
 
 

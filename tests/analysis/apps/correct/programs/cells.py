@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,24 +29,21 @@ Left = list[tuple[int, str]]
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
+def corrected_cell(
+    maker: str, directory: Path, files: Files, *stated: Sequence[str], **options: Any
+) -> CorrectedProgram:
+    """Files with the targets of a maker's cell, corrected with its tools and frames unless others are stated."""
+    rig, filled = {"ur": ur_files, "kuka": kuka_files, "abb": abb_files, "fanuc": fanuc_files, "yaskawa": yaskawa_files,
+                   "linuxcnc": linuxcnc_files}[maker](files)  # fmt: skip
+    return corrected_files(rig, directory, filled, *(stated or STATED.get(maker, ())), **options)
+
+
 def corrected_files(
-    rig: Rig,
-    directory: Path,
-    files: Files,
-    tools: Sequence[str] = (),
-    frames: Sequence[str] = (),
-    scale: Sequence[float] | None = None,
-    *,
-    ends: str = "\n",
-    start: tuple[float, ...] | None = None,
-    neutral: Sequence[str] = (),
-    whole: bool = False,
+    rig: Rig, directory: Path, files: Files, *stated: Sequence[str], ends: str = "\n", **options: Any
 ) -> CorrectedProgram:
     """Corrected text of the first file, which is corrected together with the others."""
     write_files(directory, files, ends)
-    return corrected(
-        rig, directory / next(iter(files)), tools, frames, scale, start=start, neutral=neutral, whole=whole
-    )
+    return corrected(rig, directory / next(iter(files)), *stated, **options)
 
 
 def write_files(directory: Path, files: Files, ends: str = "\n") -> None:
@@ -282,7 +280,7 @@ def listing(*lines: str, head: str = "", name: str = "A") -> str:
 def selecting(*lines: str, head: str = "") -> str:
     """A listing that selects the frame and the tool of each position before the move to it."""
     frames = {"P[2]": "3", "P[3]": "3", "P[4]": "0"}
-    with_them: list[str] = []
+    with_them = []
     for line in lines:
         if (point := re.match(r"L (P\[\d\])", line)) and point[1] in frames:
             with_them += [f"UFRAME_NUM={frames[point[1]]}", "UTOOL_NUM=1"]
@@ -301,6 +299,7 @@ ZERO = [f"PR[5,{axis}]=0" for axis in range(1, 7)]
 YASKAWA_TOOL = frame((0, 0, 150), Rotation.identity())
 YASKAWA = [(20, 20, 15, 10, -65, -150), (25, 25, 10, -15, -70, -100), (-10, 15, 5, 20, -60, 30)]
 YASKAWA_STATED = (["3=0,0,150,0,0,0"], ["4=0"])
+STATED = {"kuka": KUKA_STATED, "fanuc": FANUC_STATED, "yaskawa": YASKAWA_STATED}
 
 
 def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:

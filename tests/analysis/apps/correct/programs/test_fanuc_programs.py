@@ -15,6 +15,7 @@ from tests.analysis.apps.correct.programs.cells import (
     L2,
     L3,
     L4,
+    corrected_cell,
     corrected_files,
     fanuc_files,
     fanuc_point,
@@ -29,8 +30,8 @@ from tests.worlds.interpreters.arms import rig_of
 @pytest.mark.parametrize(("called", "file", "line"), [("A", 0, 3), ("B", 1, 4)], ids=("itself", "another"))
 def test_reason_of_a_recursive_program_is_the_line_of_the_call(called, file, line, tmp_path):
     call = f"CALL {called}"
-    rig, files = fanuc_files({"a.ls": selecting(call, L2), "b.ls": listing("R[1]=R[1]+1", call, name="B")})
-    found = corrected_files(rig, tmp_path, files, *FANUC_STATED)
+    files = {"a.ls": selecting(call, L2), "b.ls": listing("R[1]=R[1]+1", call, name="B")}
+    found = corrected_cell("fanuc", tmp_path, files)
     (left,) = (one for one in found.left if one.name == "P[2]")
     assert left.reason == "not_understood" and (left.because[0].file, left.because[0].line) == (file, line)
 

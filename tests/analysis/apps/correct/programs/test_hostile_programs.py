@@ -5,18 +5,17 @@ import re
 from pathlib import Path
 
 import pytest
-import yaml
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
 from analysis.apps.correct.program_report import blocks
 from analysis.apps.correct.stated_frames import frames_of
-from analysis.correction.reasons import WHY
 from analysis.correction.support import ANYWAY, supports
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from tests.support.answers import words_of
-from tests.support.command_line import ran
+from tests.support.command_line import errors_of, failure_of, ran, succeeded
 from tests.support.stated_controller import load
+from tests.support.written_files import contents
 from tests.worlds.arms.faulty_arm import EFFECTS, found, known
 
 RIG = known(load("ur10e")[0])
@@ -50,8 +49,7 @@ def test_other_files_are_refused(name, data, code, tmp_path, cell):
     path = tmp_path / name
     if data is not None:
         path.write_bytes(data)
-    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--json")
-    assert done.returncode == 3 and json.loads(done.stderr)["error"]["code"] == code
+    assert failure_of(f"correct {cell} --program {path} -o {tmp_path}/out") == (3, code)
     assert not (tmp_path / "out").exists()
 
 
@@ -92,8 +90,8 @@ def test_a_hostile_program_is_read_to_its_end_and_stays_as_it_is(name, text, tmp
 def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path, cell):
     path = tmp_path / "a.script"
     path.write_bytes(b"movej(\x1b[31mred\x1b[0m)\nmovej(evil\xe2\x80\xae)\n")
-    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
-    assert done.returncode == 0 and "\x1b" not in done.stdout and "\x1b" not in done.stderr
+    done = succeeded(f"correct {cell} --program {path} -o {tmp_path}/out")
+    assert "\x1b" not in done.stdout and "\x1b" not in done.stderr
 
 
 def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path):
@@ -130,29 +128,21 @@ def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path):
     ]
 
 
-def test_every_reason_completes_a_sentence():
-    assert all(
-        why.split()[0].strip(",") in ("is", "has", "can", "may", "would", "does", "belongs") for why in WHY.values()
-    )
-
-
 def test_command_writes_the_program_and_reports_it(tmp_path, cell):
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[0.5,0.2,0.3,0,3.1,0])\nmovej(home)\n")
     given = path.read_bytes()
-    done = ran("correct", cell, "--program", path, "-o", out)
-    assert done.returncode == 0, done.stderr
+    done = succeeded(f"correct {cell} --program {path} -o {out}")
     assert path.read_bytes() == given != (out / "a.script").read_bytes()
     assert "1 target corrected, 2 places unchanged" in done.stdout
     assert "movel (line 2)" in done.stdout
     assert "reduced speed" in done.stderr
-    (held,) = yaml.safe_load((out / "corrections.yaml").read_text())["programs"]
+    (held,) = contents(out / "corrections.yaml")["programs"]
     assert held["corrected"] == 1 and [one["line"] for one in held["left"]] == [2, 3]
-    again = ran("correct", cell, "--program", path, "-o", out)
-    assert again.returncode == 3 and "exists already" in again.stderr
-    beside = ran("correct", cell, "--program", path, "-o", tmp_path)
-    assert beside.returncode == 3 and "exists already" in beside.stderr and path.read_bytes() == given
-    whole = ran("correct", cell, "--program", path, "-o", f"{out}2", "--json", "--all-or-nothing")
+    for folder in (out, tmp_path):
+        assert "exists already" in errors_of(f"correct {cell} --program {path} -o {folder}")
+    assert path.read_bytes() == given
+    whole = ran(f"correct {cell} --program {path} -o {out}2 --json --all-or-nothing")
     assert whole.returncode == 3 and "a.script" in whole.stderr and "next:" not in whole.stderr
     found_json = json.loads(whole.stdout)
     assert found_json["programs"][0]["targets"][0]["line"] == 1
@@ -161,24 +151,23 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        (("--tool", "1", "--program", "a.script"), "program.frame"),
-        (("--tool", "1=1,2,3", "--program", "a.script"), "program.frame"),
-        (("--frame", "1=nan,0,0,0,0,0", "--program", "a.script"), "program.frame"),
-        (("--frame", "1=rig", "--program", "a.script"), "program.frame"),
-        (("--start-joints", "0,0,0,0,0,0"), "program.option"),
+        ("--tool 1 --program a.script", "program.frame"),
+        ("--tool 1=1,2,3 --program a.script", "program.frame"),
+        ("--frame 1=nan,0,0,0,0,0 --program a.script", "program.frame"),
+        ("--frame 1=rig --program a.script", "program.frame"),
+        ("--start-joints 0,0,0,0,0,0", "program.option"),
     ],
 )
 def test_options_of_programs_without_a_value_or_a_program_are_refused(words, code, tmp_path, cell):
     (tmp_path / "a.script").write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "-o", "out", "--json", *words, cwd=tmp_path)
-    assert done.returncode == 2 and json.loads(done.stderr)["error"]["code"] == code
+    assert failure_of(f"correct {cell} -o out {words}", cwd=tmp_path) == (2, code)
 
 
 def test_a_start_from_which_no_posture_comes_is_said(tmp_path, cell):
     path = tmp_path / "a.script"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--start-joints", "0,-80,100,-20,80,0")
-    assert done.returncode == 0 and "a.script: --start-joints" in done.stderr
+    done = succeeded(f"correct {cell} --program {path} -o {tmp_path}/out --start-joints 0,-80,100,-20,80,0")
+    assert "a.script: --start-joints" in done.stderr
 
 
 @pytest.mark.parametrize(("text", "reasons"), [("x=1\n", []), ("movej([0,-9,0,0,0,0])\n", ["beyond_limits"])])
@@ -194,19 +183,19 @@ def test_programs_of_one_name_are_refused(tmp_path, cell):
     for path in paths:
         path.parent.mkdir()
         path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "--program", paths[0], "--program", paths[1], "-o", tmp_path / "out", "--json")
-    assert done.returncode == 3 and json.loads(done.stderr)["error"]["code"] == "program.twice"
+    words = ("--program", paths[0], "--program", paths[1], "-o", tmp_path / "out")
+    assert failure_of("correct", cell, *words) == (3, "program.twice")
 
 
 def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path, cell):
     path = tmp_path / "a.src"
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     for words in ((), ("--for", "fanuc")):
-        refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--json", *words)
-        assert refused.returncode == 3 and json.loads(refused.stderr)["error"]["code"] == "program.other_maker"
+        code = failure_of("correct", cell, "--program", path, "-o", tmp_path / "out", *words)
+        assert code == (3, "program.other_maker")
     assert not (tmp_path / "out").exists()
-    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "kuka")
-    assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
+    done = succeeded(f"correct {cell} --program {path} -o {tmp_path}/out --for kuka")
+    assert "a.src (kuka): 1 target corrected" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -218,21 +207,21 @@ def test_no_program_is_written_without_a_gain(effect, tmp_path, cell):
     cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "--program", path, "-o", out, "--json")
+    done = ran(f"correct {cell} --program {path} -o {out} --json")
     assert done.returncode == 3 and json.loads(done.stderr.splitlines()[-1])["error"]["code"] == "correct.no_gain"
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
-    assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
-    assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
+    assert contents(out / "corrections.yaml")["verdict"] == "nothing"
+    succeeded(f"correct {cell} --program {path} -o {tmp_path}/anyway --anyway")
     assert ANYWAY in (tmp_path / "anyway" / "a.script").read_text()
-    assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
+    assert "next:" not in ran(f"correct {cell} -o {tmp_path}/bare --anyway").stderr
 
 
 def test_corrected_program_excludes_values_to_enter(tmp_path, cell):
     """Programs and entered values together would correct twice."""
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "--program", path, "-o", out)
-    assert "calibration.conf" in ran("correct", cell, "-o", tmp_path / "entered").stdout
+    done = ran(f"correct {cell} --program {path} -o {out}")
+    assert "calibration.conf" in ran(f"correct {cell} -o {tmp_path}/entered").stdout
     assert "calibration.conf" not in done.stdout and "correct twice" in " ".join(done.stdout.split())
     assert "--for" not in done.stderr
-    assert yaml.safe_load((out / "corrections.yaml").read_text())["controller"] is None
+    assert contents(out / "corrections.yaml")["controller"] is None

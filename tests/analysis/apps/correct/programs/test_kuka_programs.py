@@ -14,6 +14,7 @@ from tests.analysis.apps.correct.programs.cells import (
     KUKA_STATED,
     Files,
     corrected,
+    corrected_cell,
     corrected_files,
     kuka_files,
     uncorrected,
@@ -134,8 +135,8 @@ def test_directory_with_an_earlier_correction_or_two_makers_is_refused(tmp_path)
 
 def test_shifted_copy_is_off_by_the_stated_amount_only(tmp_path):
     text = HEAD + "PTP {q0}\nAUX=XP\nAUX.Z=AUX.Z+5\nPTP AUX\nLIN XP\nEND\n"
-    rig, files = kuka_files({"a.src": text, "a.dat": "DEFDAT a\nDECL E6POS XP={p1}\nDECL E6POS AUX\nENDDAT\n"})
-    found = corrected_files(rig, tmp_path, files, *KUKA_STATED)
+    files = {"a.src": text, "a.dat": "DEFDAT a\nDECL E6POS XP={p1}\nDECL E6POS AUX\nENDDAT\n"}
+    found = corrected_cell("kuka", tmp_path, files)
     assert np.isfinite(found.given_away_mm).sum() == 1
     assert np.nanmax(found.given_away_mm) < 0.1 * found.moved_mm.max()
 

@@ -13,21 +13,21 @@ from tests.analysis.apps.correct.programs.cells import (
     ABB_TOOL,
     abb_files,
     corrected,
+    corrected_cell,
     corrected_files,
     module_of,
     robtarget_of,
     uncorrected,
     write_files,
 )
+from tests.support.changed_rigs import with_robot
 from tests.worlds.arms.faulty_arm import frame, joints_of
 from tests.worlds.interpreters.arms import rig_of
 
 
 @pytest.mark.parametrize(("value", "left"), [("9E9", []), ("0", []), ("120", ["external_axes"])])
 def test_rail_of_the_rig_file_must_be_at_zero(value, left, tmp_path):
-    rig = rig_of("abb-irb-120")
-    rail = Rail(direction=(0, 1, 0), limits_mm=(-500, 500))
-    railed = rig.model_copy(update={"robot": rig.robot.model_copy(update={"rail": rail})})
+    railed = with_robot(rig_of("abb-irb-120"), rail=Rail(direction=(0, 1, 0), limits_mm=(-500, 500)))
     _, files = abb_files(module_of(f"MoveJ {{p1={value}}},v9,fine,t;\n"))
     assert [one.reason for one in corrected_files(railed, tmp_path, files).left] == left
 
@@ -38,8 +38,7 @@ def test_line_that_turns_the_tool_half_around_is_left(tmp_path):
     begin, end = (20, 10, 20, 30, 60, -90.0), (20, 10, 20, 30, 60, 89.5)
     pose, joints = robtarget_of(rig, end, np.eye(4)), ",".join(map(str, begin))
     move = f"MoveAbsJ [[{joints}],[9E9,9E9,9E9,9E9,9E9,9E9]],v9,fine,tool0;\nMoveL {pose},v9,fine,t;\n"
-    _, files = abb_files(module_of("ConfL\\Off;\n" + move))
-    assert uncorrected(corrected_files(rig, tmp_path, files)) == [(7, "ambiguous")]
+    assert uncorrected(corrected_cell("abb", tmp_path, module_of("ConfL\\Off;\n" + move))) == [(7, "ambiguous")]
 
 
 VARIANTS = {name: text for name, text in cases_of("abb").items() if name.startswith("tool h declared")}
@@ -89,8 +88,7 @@ def test_modules_of_a_backup_are_read_from_the_folder_of_the_task(tmp_path):
 )  # fmt: skip
 def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(q_deg, axis, tmp_path):
     rig = rig_of("abb-irb-120")
-    _, files = abb_files(module_of(f"MoveJ {robtarget_of(rig, q_deg, np.eye(4))},v9,fine,t;\n"))
-    found = corrected_files(rig, tmp_path, files)
+    found = corrected_cell("abb", tmp_path, module_of(f"MoveJ {robtarget_of(rig, q_deg, np.eye(4))},v9,fine,t;\n"))
     written = re.findall(r"\[([^\[\]]*)\]", found.files["a.mod"].decode().split("\n")[4])
     place_mm, turned, conf = ([float(value) for value in numbers.split(",")] for numbers in written[:3])
     pose = frame(place_mm, Rotation.from_quat(turned, scalar_first=True))
@@ -107,12 +105,12 @@ def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(q_deg, 
 def test_configuration_stays_if_an_approach_is_at_an_unknown_place(offset, tmp_path):
     pose = robtarget_of(rig_of("abb-irb-120"), (20, 10, 20, 30, 60, 0.0), np.eye(4))
     data = f"VAR num n;\nCONST robtarget p:={pose};"
-    rig, files = abb_files(module_of(f"MoveJ p,v9,fine,t;\nMoveL Offs(p,{offset}),v9,fine,t;\n", data=data))
-    found = corrected_files(rig, tmp_path, files)
+    files = module_of(f"MoveJ p,v9,fine,t;\nMoveL Offs(p,{offset}),v9,fine,t;\n", data=data)
+    found = corrected_cell("abb", tmp_path, files)
     assert [one.reason for one in found.left if one.line == 4] == ["changes_flags"] and not found.names
 
 
 @pytest.mark.parametrize("name", ["a.mod", "a.MOD", "a.modx", "a.prg", "A.PRG"])
 def test_files_of_a_program(name, tmp_path):
-    rig, files = abb_files(module_of("MoveAbsJ {q0},v9,fine,t;\nMoveL {p1},v9,fine,t;\n"))
-    assert len(corrected_files(rig, tmp_path, {name: files["a.mod"]}).names) == 2
+    files = {name: module_of("MoveAbsJ {q0},v9,fine,t;\nMoveL {p1},v9,fine,t;\n")["a.mod"]}
+    assert len(corrected_cell("abb", tmp_path, files).names) == 2

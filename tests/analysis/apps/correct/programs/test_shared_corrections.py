@@ -14,20 +14,19 @@ from tests.analysis.apps.correct.programs.cells import (
     ABB,
     ABB_TOOL,
     FANUC,
-    FANUC_STATED,
     HEAD,
     KUKA,
-    KUKA_STATED,
     L2,
     NUMBER,
+    STATED,
     TCP,
     UR,
     UR_TOOL,
     ZERO,
     Files,
     abb_files,
+    corrected_cell,
     corrected_files,
-    fanuc_files,
     fanuc_joints,
     fanuc_point,
     fanuc_pose,
@@ -90,8 +89,8 @@ def test_work_point_is_corrected_and_its_approach_listed_with_its_error(approach
 
 
 def test_fanuc_approach_by_a_register_is_listed(tmp_path):
-    rig, files = fanuc_files({"a.ls": selecting(*ZERO, "PR[5,3]=250", L2 + " Offset,PR[5]", L2)})
-    found = corrected_files(rig, tmp_path, files, *FANUC_STATED)
+    files = {"a.ls": selecting(*ZERO, "PR[5,3]=250", L2 + " Offset,PR[5]", L2)}
+    found = corrected_cell("fanuc", tmp_path, files)
     assert [one.kind for one in found.shared] == ["offset"] and found.shared[0].after_mm < found.shared[0].before_mm
 
 
@@ -104,16 +103,13 @@ def test_point_stays_if_its_approach_would_leave_the_configuration(turned_deg, t
     numbers = ",".join(f"{value:.5f}" for value in X[:3, 3]), ",".join(f"{value:.9f}" for value in wxyz)
     pose = f"[[{numbers[0]}],[{numbers[1]}],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     moves = f"MoveJ p,v9,fine,tool0;\nMoveJ RelTool(p,0,0,0\\Rz:=-{turned_deg}),v9,fine,tool0;\n"
-    _, files = abb_files(module_of(moves, data=f"CONST robtarget p:={pose};"))
-    found = corrected_files(rig, tmp_path, files)
+    found = corrected_cell("abb", tmp_path, module_of(moves, data=f"CONST robtarget p:={pose};"))
     assert [one.reason for one in found.left] == ["changes_flags"] and not found.names
 
 
 def test_approach_without_a_solution_is_listed_as_unknown(tmp_path):
-    rig, files = abb_files(
-        module_of("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,2000),v9,fine,t;\n", data="CONST robtarget p:={p1};")
-    )
-    (listed,) = corrected_files(rig, tmp_path, files).shared
+    files = module_of("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,2000),v9,fine,t;\n", data="CONST robtarget p:={p1};")
+    (listed,) = corrected_cell("abb", tmp_path, files).shared
     assert listed.unknown == "unreachable" and np.isnan(listed.after_mm)
 
 
@@ -128,9 +124,8 @@ def test_approach_without_a_solution_is_listed_as_unknown(tmp_path):
     ],
 )
 def test_point_used_only_with_offsets_is_corrected_if_every_position_gains(moves, corrected, tmp_path):
-    rig, files = abb_files(module_of(moves, data="VAR num n;\nCONST robtarget p:={p1};"))
-    found = corrected_files(rig, tmp_path, {"a.mod": files["a.mod"].replace("ENDMODULE", "")})
-    assert ("p" in found.names) == corrected
+    text = module_of(moves, data="VAR num n;\nCONST robtarget p:={p1};")["a.mod"].replace("ENDMODULE", "")
+    assert ("p" in corrected_cell("abb", tmp_path, {"a.mod": text}).names) == corrected
 
 
 def _arc(maker: str, turned_deg: float) -> tuple[Rig, list[Array], list[Array]]:
@@ -177,8 +172,7 @@ def _program(maker: str, rig: Rig, q: list[Array]) -> Files:
 
 
 def _corrected(maker: str, rig: Rig, q: list[Array], directory: Path) -> CorrectedProgram:
-    stated = {"kuka": KUKA_STATED, "fanuc": FANUC_STATED}.get(maker, ([], []))
-    return corrected_files(rig, directory, _program(maker, rig, q), *stated)
+    return corrected_files(rig, directory, _program(maker, rig, q), *STATED.get(maker, ()))
 
 
 @pytest.mark.parametrize("turned_deg", [35, 45, 60, 75, 90])
@@ -212,8 +206,7 @@ APPROACH = "MoveJ Offs(p,0,0,50),v9,fine,t;\nMoveL p,v9,fine,t;\n"
 
 
 def test_error_kept_by_an_approach_is_reported(tmp_path):
-    rig, files = abb_files(module_of(APPROACH, data="CONST robtarget p:={p1};"))
-    found = corrected_files(rig, tmp_path, files)
+    found = corrected_cell("abb", tmp_path, module_of(APPROACH, data="CONST robtarget p:={p1};"))
     (given_mm,) = found.given_away_mm
     assert 0 < given_mm <= max(0.1 * found.moved_mm[0], found.u_frame_mm[0], found.u_mm[0])
     assert any(f"{given_mm:.3f} mm" in line for line in words_of(program_report.blocks(found)))

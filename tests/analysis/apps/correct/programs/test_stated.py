@@ -15,12 +15,10 @@ from tests.analysis.apps.correct.programs.cells import (
     OTHER,
     TCP,
     YASKAWA_STATED,
-    corrected,
+    corrected_cell,
     corrected_files,
     job_of,
-    kuka_files,
     uncorrected,
-    ur_files,
     yaskawa_files,
 )
 from tests.support.answers import words_of
@@ -29,20 +27,20 @@ from tests.worlds.interpreters.arms import rig_of
 
 
 def test_stated_tool_that_the_program_sets_otherwise_is_reported(tmp_path):
-    rig, files = ur_files({"a.script": "movej({q0})\n" + OTHER + "movel({p1})\nmovel({p2})\n"})
-    found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
+    files = {"a.script": "movej({q0})\n" + OTHER + "movel({p1})\nmovel({p2})\n"}
+    found = corrected_cell("ur", tmp_path, files, ["tcp=0,0,145,0,0,0"])
     assert not found.left and [(one.name, one.line) for one in found.overruled] == [("tcp", 2)]
-    assert not corrected_files(rig, tmp_path, files, ["tcp=0,0,200,0,0,0"]).overruled
+    assert not corrected_cell("ur", tmp_path, files, ["tcp=0,0,200,0,0,0"]).overruled
 
 
 def test_partly_corrected_program_is_reported_and_held_on_request(tmp_path):
-    rig, files = ur_files({"a.script": TCP + "movej({q0})\nmovel({p1})\nmovel({p2})\nset_tcp(x)\nmovel({p4})\n"})
-    found = corrected_files(rig, tmp_path, files)
+    files = {"a.script": TCP + "movej({q0})\nmovel({p1})\nmovel({p2})\nset_tcp(x)\nmovel({p4})\n"}
+    found = corrected_cell("ur", tmp_path, files)
     assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
     assert found.beside_left_mm.tolist() == pytest.approx([found.moved_mm[-1]])
     first, second, *_ = words_of(program_report.blocks(found))
     assert re.findall(r"\d+ (?=\w)", first) == ["3 ", "1 ", "1 "] and f"{found.moved_mm[-1]:.3f} mm" in second
-    held = corrected(rig, tmp_path / "a.script", whole=True)
+    held = corrected_cell("ur", tmp_path, files, whole=True)
     assert held.held and "--all-or-nothing" in words_of(program_report.blocks(held))[1]
 
 
@@ -55,10 +53,9 @@ def test_tool_stated_twice_with_other_numbers_is_refused():
 
 
 def test_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path):
-    rig, files = kuka_files({"a.src": HEAD + "PTP {q0}\nPTP {p1}\nEND\n"})
     tools, frames = ["1=0,0.05,0.2,0,20,10", "4=0,0,200,0,0,0"], ["2=500,-100,30,0,0,45", "3=0"]
-    found = corrected_files(rig, tmp_path, files, tools, frames)
-    doubts = frames_of(rig.robot, tools, frames).doubts({*found.named})
+    found = corrected_cell("kuka", tmp_path, {"a.src": HEAD + "PTP {q0}\nPTP {p1}\nEND\n"}, tools, frames)
+    doubts = frames_of(rig_of("kuka-kr-10-r1100-2").robot, tools, frames).doubts({*found.named})
     assert [doubt.partition(":")[0] for doubt in doubts] == ["--tool 1", "--tool 4", "--frame 3"]
     assert "206.2 mm" in doubts[0] and "uses" not in doubts[0]
 
@@ -68,10 +65,8 @@ def test_jobs_of_the_second_robot_and_functions_of_other_programs_are_noticed(tm
     files = {"a.jbi": files["a.jbi"].replace("///GROUP1 RB1", "///GROUP1 RB2")}
     found = corrected_files(rig, tmp_path, files, *YASKAWA_STATED)
     assert len(found.names) == 2 and "RB2" in found.notices[0].text
-    rig, files = ur_files(
-        {"a.script": TCP + 'cam=rpc_factory("xmlrpc","a")\nmovej({q0})\nx=cam.get()\nmovel({p1})\ncam.get()\n'}
-    )
-    found = corrected_files(rig, tmp_path, files)
+    text = TCP + 'cam=rpc_factory("xmlrpc","a")\nmovej({q0})\nx=cam.get()\nmovel({p1})\ncam.get()\n'
+    found = corrected_cell("ur", tmp_path, {"a.script": text})
     assert not found.left and [(one.line, one.text.split()[0]) for one in found.notices] == [(4, "cam.get")]
     assert program_report.as_object(found)["notices"][0]["line"] == 4
 
@@ -89,9 +84,8 @@ def test_neutral_routines_are_reported(tmp_path):
     assert found.neutral == ("GRIP", "Hand open")
     assert "GRIP" in " ".join(words_of(program_report.blocks(found)))
     assert program_report.as_object(found)["neutral_routines"] == found.neutral
-    rig, files = ur_files({"a.script": "movej({q0})\n"})
     with refused("program.neutral"):
-        corrected_files(rig, tmp_path, files, neutral=["GRIP"])
+        corrected_cell("ur", tmp_path, {"a.script": "movej({q0})\n"}, neutral=["GRIP"])
 
 
 @pytest.mark.parametrize("names", ["", "GRIP,", "../GRIP", "GRIP{}", "GRIP\nCALL"])

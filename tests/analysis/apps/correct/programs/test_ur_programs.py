@@ -1,12 +1,15 @@
 """Scripts of Universal Robots: calls, starts, arcs, and points that reach a move through a routine or an expression."""
 
 import re
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct import program_report
+from analysis.apps.correct.corrected_program import CorrectedProgram
 from analysis.apps.makers.reading import program_texts
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.kinematics.inverse import inverse
@@ -16,7 +19,7 @@ from tests.analysis.apps.correct.programs.cells import (
     TCP,
     UR,
     UR_TOOL,
-    Left,
+    corrected_cell,
     corrected_files,
     uncorrected,
     ur_files,
@@ -28,39 +31,37 @@ from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 
 
+def corrected_ur(directory: Path, name: str, text: str, **options: Any) -> CorrectedProgram:
+    return corrected_cell("ur", directory, {f"{name}.script": text}, **options)
+
+
 @pytest.mark.parametrize(
     "name",
     ["get_part", "set_down", "read_it", "is_there", "write_it", "request_it", "str_it", "pose_it", "socket_it", "pick"],
 )
 def test_routine_named_like_a_built_in_function_is_followed(name, tmp_path):
     """The routine turns the wrist over, so the line after it has that posture."""
-    rig, files = ur_files(
-        {"a.script": f"def {name}():\nmovej({{q7}})\nend\n{TCP}movej({{q0}})\n{name}()\nmovel({{p1}})\n"}
-    )
-    whole = corrected_files(rig, tmp_path, files)
+    text = f"def {name}():\nmovej({{q7}})\nend\n{TCP}movej({{q0}})\n{name}()\nmovel({{p1}})\n"
+    whole = corrected_ur(tmp_path, "a", text)
     assert not whole.left and len(whole.names) == 3
-    rig, files = ur_files({"b.script": f"{TCP}movej({{q7}})\nmovel({{p1}})\n"})
-    jumped = corrected_files(rig, tmp_path, files)
+    jumped = corrected_ur(tmp_path, "b", f"{TCP}movej({{q7}})\nmovel({{p1}})\n")
     assert whole.files["a.script"].splitlines()[-1] == jumped.files["b.script"].splitlines()[-1]
 
 
 def test_start_beyond_the_limits_is_refused(tmp_path):
-    rig, files = ur_files({"a.script": TCP + "movel({p1})\n"})
     with refused("program.start"):
-        corrected_files(rig, tmp_path, files, start=(7.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        corrected_ur(tmp_path, "a", TCP + "movel({p1})\n", start=(7.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def test_stated_start_has_the_effect_of_a_joint_move_to_it(tmp_path):
     for name, joints in (("near", 0), ("turned", 7)):
         rig, files = ur_files({f"{name}.script": TCP + f"movej({{q{joints}}})\nmovel({{p1}})\n"})
         angles = re.search(r"movej\(\[(.*)\]\)", files[f"{name}.script"])
-        assert angles
         start = tuple(map(float, angles[1].split(",")))
         led = corrected_files(rig, tmp_path, files, start=start)
         assert led.start is None  # a joint move leads away from it
         moved = led.files[f"{name}.script"].splitlines()[-1]
-        rig, files = ur_files({"a.script": TCP + "movel({p1})\n"})
-        found = corrected_files(rig, tmp_path, files, start=start)
+        found = corrected_ur(tmp_path, "a", TCP + "movel({p1})\n", start=start)
         assert found.files["a.script"].splitlines()[-1] == moved
         assert any("--start-joints" in line for line in words_of(program_report.blocks(found)))
         stated = program_report.as_object(found)["start_joints_deg"]
@@ -105,7 +106,7 @@ def test_arc_that_turns_the_tool_as_it_is_written_is_corrected(tmp_path):
     assert (3, "arc_turns") in left and len(left) == 3
 
 
-HANDED: dict[str, tuple[str, str, str]] = {
+HANDED = {
     "a line": ("def go(p):\nmovel(p)\nend\n", "go({p1})\ngo({p2})\n", "movel({p1})\nmovel({p2})\n"),
     "an own movel": ("def movel(p):\nmovep(p)\nend\n", "movel({p1})\n", "movep({p1})\n"),
     "joint angles": ("def go(q):\nmovej(q, a=1)\nend\n", "go({q1})\nmovel({p2})\n", "movej({q1}, a=1)\nmovel({p2})\n"),
@@ -136,10 +137,8 @@ def _poses(text: bytes, routines: int) -> list[bytes]:
 @pytest.mark.parametrize("row", HANDED)
 def test_point_handed_to_a_routine_is_corrected_as_if_written_there(row, tmp_path):
     routine, calls, written = HANDED[row]
-    rig, files = ur_files({"a.script": routine + TCP + "movej({q0})\n" + calls})
-    found = corrected_files(rig, tmp_path, files)
-    rig, files = ur_files({"b.script": TCP + "movej({q0})\n" + written})
-    told = corrected_files(rig, tmp_path, files)
+    found = corrected_ur(tmp_path, "a", routine + TCP + "movej({q0})\n" + calls)
+    told = corrected_ur(tmp_path, "b", TCP + "movej({q0})\n" + written)
     assert not uncorrected(found) and not uncorrected(told)
     assert sorted(set(_poses(found.files["a.script"], 0))) == sorted(set(_poses(told.files["b.script"], 0)))
 
@@ -162,10 +161,8 @@ def test_place_above_a_point_shares_its_correction(row, form, tmp_path):
     before, above = ABOVE[row]
     above = re.sub(r"\ba(?=\[|,)", "g", above) if "def" in form else above
     text = TCP + "a = {p1}\n" + before + "movej({q0})\n" + form.format(above) + "\nmovel(a)\n"
-    rig, files = ur_files({"a.script": text})
-    found = corrected_files(rig, tmp_path, files)
-    rig, files = ur_files({"b.script": TCP + "movej({q0})\nmovel({p1})\n"})
-    told = corrected_files(rig, tmp_path, files)
+    found = corrected_ur(tmp_path, "a", text)
+    told = corrected_ur(tmp_path, "b", TCP + "movej({q0})\nmovel({p1})\n")
     assert not uncorrected(found)
     assert np.nanmax(found.given_away_mm) > 0
     assert _poses(found.files["a.script"], 1)[0] == _poses(told.files["b.script"], 0)[-1]
@@ -174,7 +171,7 @@ def test_place_above_a_point_shares_its_correction(row, form, tmp_path):
 PLANE = "p[0.1, -0.2, 0.05, 0, 0, 1.5707963267948966]"
 
 
-IN_PLANE: dict[str, tuple[str, Left]] = {
+IN_PLANE = {
     "written there": ("movel(pose_trans({plane}, {w}))\n", []),
     "a plane in a variable": ("f = {plane}\nmovel(pose_trans(f, {w}))\n", []),
     "both in variables": ("f = {plane}\nw = {w}\nmovel(pose_trans(f, w))\nmovel(pose_trans(f, {w}))\n", []),
@@ -196,8 +193,7 @@ def test_point_in_a_plane_is_corrected_in_the_plane(row, tmp_path):
     inside = _in_plane((x, y, z), vector)
     told = _numbers(_poses(corrected_files(rig, tmp_path, files).files["b.script"], 2)[-1].decode())
     text = text.replace("{plane}", PLANE).replace("{w}", inside)
-    rig, files = ur_files({"a.script": TCP + "movej({q0})\n" + text})
-    found = corrected_files(rig, tmp_path, files)
+    found = corrected_ur(tmp_path, "a", TCP + "movej({q0})\n" + text)
     assert uncorrected(found) == left
     if not left:
         written = [pose.decode() for pose in _poses(found.files["a.script"], 2)]

@@ -26,7 +26,6 @@ from tests.analysis.apps.correct.programs.cells import (
     HEAD,
     KUKA,
     KUKA_BASE,
-    KUKA_STATED,
     KUKA_TOOL,
     NUMBER,
     UR,
@@ -34,13 +33,12 @@ from tests.analysis.apps.correct.programs.cells import (
     YASKAWA,
     YASKAWA_STATED,
     YASKAWA_TOOL,
-    abb_files,
     corrected,
+    corrected_cell,
     corrected_files,
     fanuc_joints,
     fanuc_point,
     fanuc_pose,
-    kuka_files,
     kuka_joints,
     kuka_pose,
     module_of,
@@ -48,7 +46,6 @@ from tests.analysis.apps.correct.programs.cells import (
     robtarget_of,
     status_turn,
     uncorrected,
-    ur_files,
     ur_pose,
     yaskawa_pose,
 )
@@ -137,12 +134,12 @@ def test_urscript(tmp_path):
 
 
 def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path):
-    rig, files = ur_files({"a.urscript": "movej({q0})\nmovel({p1})\n"})
-    assert uncorrected(corrected_files(rig, tmp_path, files)) == [(2, "unknown_tool")]
-    found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
+    files = {"a.urscript": "movej({q0})\nmovel({p1})\n"}
+    assert uncorrected(corrected_cell("ur", tmp_path, files)) == [(2, "unknown_tool")]
+    found = corrected_cell("ur", tmp_path, files, ["tcp=0,0,145,0,0,0"])
     assert len(found.names) == 2 and not found.left
     told = _from_ur(_lines(found.files["a.urscript"])[1], UR_TOOL)
-    assert _left_mm(rig, told, UR[1], UR_TOOL) < 1e-4
+    assert _left_mm(rig_of("ur10e"), told, UR[1], UR_TOOL) < 1e-4
 
 
 FANUC_PROGRAM = """\
@@ -304,22 +301,22 @@ def test_kuka(tmp_path):
 @pytest.mark.parametrize("k", range(5))
 def test_kuka_status_and_turn_state_the_posture(k, tmp_path):
     """The posture of a pose is that of its S and T; a different S has no solution."""
-    rig, files = kuka_files({"a.src": f"{HEAD}PTP {{p{k}}}\nEND\n"})
-    found = corrected_files(rig, tmp_path, files, *KUKA_STATED)
+    rig = rig_of("kuka-kr-10-r1100-2")
+    found = corrected_cell("kuka", tmp_path, {"a.src": f"{HEAD}PTP {{p{k}}}\nEND\n"})
     assert not found.left
     assert _left_mm(rig, _from_krl(_lines(found.files["a.src"])[3]), KUKA[k], KUKA_TOOL) < 1e-3
     status = status_turn(rig, KUKA[k])[0]
     for bit in (1, 2):
         other = {"a.src": f"{HEAD}PTP {{{kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n"}
-        assert uncorrected(corrected_files(rig, tmp_path, other, *KUKA_STATED)) == [(4, "other_flags")]
+        assert uncorrected(corrected_cell("kuka", tmp_path, other)) == [(4, "other_flags")]
 
 
 def test_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path):
     """KUKA keeps the posture along a line, whatever S and T say: here the wrist is turned over."""
     turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)
     for start, why in ((turned, [(5, "two_postures")]), (KUKA[3], [])):
-        rig, files = kuka_files({"a.src": f"{HEAD}PTP {{{kuka_joints(start)}}}\nLIN {{p3}}\nEND\n"})
-        assert uncorrected(corrected_files(rig, tmp_path, files, *KUKA_STATED)) == why
+        files = {"a.src": f"{HEAD}PTP {{{kuka_joints(start)}}}\nLIN {{p3}}\nEND\n"}
+        assert uncorrected(corrected_cell("kuka", tmp_path, files)) == why
 
 
 ABB_OBJECT = frame((300, 50, 100), Rotation.from_euler("z", 20, degrees=True))
@@ -396,8 +393,8 @@ def test_abb(tmp_path):
 def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path):
     rig = rig_of("abb-irb-120")
     pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", robtarget_of(rig, ABB[3], np.eye(4)))
-    _, files = abb_files(module_of(f"ConfL\\Off;\nMoveAbsJ {{q0}},v9,fine,t;\nMoveL {pose},v9,fine,t;\n"))
-    found = corrected_files(rig, tmp_path, files)
+    files = module_of(f"ConfL\\Off;\nMoveAbsJ {{q0}},v9,fine,t;\nMoveL {pose},v9,fine,t;\n")
+    found = corrected_cell("abb", tmp_path, files)
     assert not found.left
     assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[6]), ABB[3], ABB_TOOL) < 2e-3
 
@@ -409,8 +406,8 @@ def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path):
 def test_configuration_that_only_counts_on_some_paths_leaves_the_target(switch, left, tmp_path):
     """The wrist is turned over before the move: with its flags it turns back, without them it does not."""
     over = "MoveAbsJ [[-30,5,25,75,-50,-25],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
-    rig, files = abb_files(module_of(f"{over}\n{switch}\nMoveJ {{p2}},v9,fine,t;\n"))
-    assert [one.reason for one in corrected_files(rig, tmp_path, files).left] == left
+    found = corrected_cell("abb", tmp_path, module_of(f"{over}\n{switch}\nMoveJ {{p2}},v9,fine,t;\n"))
+    assert [one.reason for one in found.left] == left
 
 
 def test_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path):
@@ -430,8 +427,7 @@ def test_cfx_decides_between_elbows(q_deg, cfx, tmp_path):
     rig = rig_of("abb-irb-120")
     for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
         pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", robtarget_of(rig, q_deg, np.eye(4)))
-        _, files = abb_files(module_of(f"MoveJ {pose},v9,fine,t;\n"))
-        found = corrected_files(rig, tmp_path, files)
+        found = corrected_cell("abb", tmp_path, module_of(f"MoveJ {pose},v9,fine,t;\n"))
         assert [one.reason for one in found.left] == left
         if not left:
             assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[4]), q_deg, ABB_TOOL) < 2e-3
@@ -452,7 +448,6 @@ def test_cfx_decides_between_elbows(q_deg, cfx, tmp_path):
 )
 def test_a_number_keeps_its_style_and_its_column(text, value, new):
     found = re.search(NUMBER, text)
-    assert found
     number = Number(found.start(), found.end(), float(found[0]))
     assert replaced(text, [(number, written(number, text, value, "roll_pitch_yaw", (3, 7)))]) == new
 

@@ -4,6 +4,7 @@ import base64
 import time
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,11 +55,25 @@ def stepped(page, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def opened(page, tmp_path_factory):
+def started(tmp_path_factory):
     with browser(tmp_path_factory.mktemp("profile")) as one:
-        one.send("Page.navigate", url=page.as_uri())
-        one.until(DRAWN)
         yield one
+
+
+@pytest.fixture
+def opened(started, page):
+    """The page as it is drawn first: at the size of a desk, and light."""
+    shown(started, page)
+    started.until(DRAWN)
+    return started
+
+
+def shown(one: Browser, page: Path) -> None:
+    one.send("Emulation.setEmulatedMedia", media="")
+    one.sized(1100, 900)
+    one.events.clear()
+    one.send("Page.navigate", url=page.as_uri())
+    one.until(f"location.href === {page.as_uri()!r} && document.readyState === 'complete'")
 
 
 def test_no_request_leaves_the_file_and_no_error_is_said(opened, page):
@@ -72,17 +87,13 @@ def test_no_request_leaves_the_file_and_no_error_is_said(opened, page):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 800)])
-def test_the_tiles_are_above_the_fold(stepped, tmp_path, width, height):
-    with browser(tmp_path / "profile") as one:
-        one.send(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500
-        )
-        one.send("Page.navigate", url=stepped.as_uri())
-        one.until(f"location.href === {stepped.as_uri()!r} && document.readyState === 'complete'")
-        ends = one.value("[...document.querySelectorAll('.tile')].map(one => one.getBoundingClientRect().bottom)")
-        assert len(ends) == 3 and max(ends) <= height
-        assert one.value("document.documentElement.scrollWidth") <= width
-        assert one.value("document.querySelector('details').open") is False
+def test_the_tiles_are_above_the_fold(started, stepped, width, height):
+    shown(started, stepped)
+    started.sized(width, height, is_mobile=width < 500)
+    ends = started.value("[...document.querySelectorAll('.tile')].map(one => one.getBoundingClientRect().bottom)")
+    assert len(ends) == 3 and max(ends) <= height
+    assert started.value("document.documentElement.scrollWidth") <= width
+    assert started.value("document.querySelector('details').open") is False
 
 
 def _middle(opened: Browser, kind: str) -> tuple[float, float]:
@@ -120,68 +131,49 @@ def test_dragging_rotates_the_sphere(opened):
 
 
 def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened):
+    opened.sized(688, 1009)  # A4 less the margins, at 96 px an inch
     opened.send("Emulation.setEmulatedMedia", media="print")
-    # A4 less the margins, at 96 px an inch.
-    opened.send("Emulation.setDeviceMetricsOverride", width=688, height=1009, deviceScaleFactor=1, mobile=False)
-    try:
-        assert opened.value("[...document.querySelectorAll('.live')].every(one => !one.offsetParent)")
-        assert opened.value(
-            "[...document.querySelectorAll('.still')].every(one => one.naturalWidth && one.offsetParent)"
-        )
-        wide = "[...document.querySelectorAll('table')].filter(one => one.offsetWidth > 690).length"
-        assert opened.value(wide) == 0
-        printed = opened.send("Page.printToPDF", preferCSSPageSize=True)["data"]
-        assert base64.b64decode(printed).startswith(b"%PDF")
-    finally:
-        opened.send("Emulation.clearDeviceMetricsOverride")
-        opened.send("Emulation.setEmulatedMedia", media="")
+    assert opened.value("[...document.querySelectorAll('.live')].every(one => !one.offsetParent)")
+    assert opened.value("[...document.querySelectorAll('.still')].every(one => one.naturalWidth && one.offsetParent)")
+    assert opened.value("[...document.querySelectorAll('table')].filter(one => one.offsetWidth > 690).length") == 0
+    printed = opened.send("Page.printToPDF", preferCSSPageSize=True)["data"]
+    assert base64.b64decode(printed).startswith(b"%PDF")
 
 
 def test_a_telephone_scrolls_in_its_tables_and_not_the_page(opened):
     """The window is narrowed after the page was drawn wide, as when a screen is turned."""
-    opened.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
-    try:
-        opened.until("innerWidth === 390")
-        assert opened.value("document.documentElement.scrollWidth") <= 390
-        opened.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
-        assert opened.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
-    finally:
-        opened.send("Emulation.clearDeviceMetricsOverride")
+    opened.sized(390, 844)
+    assert opened.value("document.documentElement.scrollWidth") <= 390
+    opened.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
+    assert opened.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
 
 
-def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped, tmp_path):
+def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(started, stepped):
     picture = "document.querySelector('#steps ~ .pictures .live')"
     curve = f"Array.from({picture}._fullData[1].y)"
-    with browser(tmp_path / "profile") as one:
-        one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
-        one.send("Page.navigate", url=stepped.as_uri())
-        one.until(DRAWN)
-        assert one.value("[...document.querySelectorAll('.wide')].every(one => one.scrollWidth <= one.clientWidth)")
-        one.until(f"{picture}._fullData?.length > 1")
-        last = one.value(curve)
-        one.value("document.querySelector('.stepper input').focus()")
-        for _ in range(2):
-            for kind in ("rawKeyDown", "keyUp"):
-                one.send(
-                    "Input.dispatchKeyEvent", type=kind, key="ArrowLeft", code="ArrowLeft", windowsVirtualKeyCode=37
-                )
-        one.until(f"{curve}.every(y => y === 0)")  # the model begun with says nothing more
-        assert "0" in one.value("document.querySelector('.stepper output').textContent")
-        assert one.value("document.querySelector('table.steps tr.now').textContent").count("6.1") == 1
-        one.value("document.querySelectorAll('.stepper button')[1].click()")
-        halfway = one.until(f"{curve}.some(y => y !== 0) && {curve}")
-        assert np.allclose(2 * np.array(halfway), last, rtol=1e-4, atol=1e-4)
+    shown(started, stepped)
+    started.until(DRAWN)
+    started.sized(390, 844)
+    assert started.value("[...document.querySelectorAll('.wide')].every(one => one.scrollWidth <= one.clientWidth)")
+    started.until(f"{picture}._fullData?.length > 1")
+    last = started.value(curve)
+    started.value("document.querySelector('.stepper input').focus()")
+    for kind in ("rawKeyDown", "keyUp") * 2:
+        started.send("Input.dispatchKeyEvent", type=kind, key="ArrowLeft", code="ArrowLeft", windowsVirtualKeyCode=37)
+    started.until(f"{curve}.every(y => y === 0)")  # the model begun with says nothing more
+    assert "0" in started.value("document.querySelector('.stepper output').textContent")
+    assert started.value("document.querySelector('table.steps tr.now').textContent").count("6.1") == 1
+    started.value("document.querySelectorAll('.stepper button')[1].click()")
+    halfway = started.until(f"{curve}.some(y => y !== 0) && {curve}")
+    assert np.allclose(2 * np.array(halfway), last, rtol=1e-4, atol=1e-4)
 
 
 def test_dark_paper_has_light_ink(opened):
     line = "getComputedStyle(document.querySelector('figure.straight .lines path')).stroke"
     light = opened.value(line)
-    opened.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
-    try:
-        assert opened.until(f"{line} !== {light!r}")
-        assert opened.value("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 27)"
-    finally:
-        opened.send("Emulation.setEmulatedMedia", features=[])
+    opened.sized(1100, 900, prefers_color_scheme="dark")
+    assert opened.until(f"{line} !== {light!r}")
+    assert opened.value("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 27)"
 
 
 def test_without_scripts_text_tables_and_pictures_are_seen(page, tmp_path):
@@ -217,14 +209,8 @@ _LAID_OUT = """
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_no_label_is_cut_and_no_legend_covers_a_title(opened, page, width):
-    narrow = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-    opened.send("Emulation.setDeviceMetricsOverride", **narrow)
-    try:
-        opened.send("Page.navigate", url=page.as_uri())
-        opened.until(DRAWN)
-        assert opened.value(_LAID_OUT) == ""
-    finally:
-        opened.send("Emulation.clearDeviceMetricsOverride")
-        opened.send("Page.navigate", url=page.as_uri())
-        opened.until(DRAWN)
+def test_no_label_is_cut_and_no_legend_covers_a_title(started, page, width):
+    started.sized(width, 900, is_mobile=width < 500)
+    started.send("Page.navigate", url=page.as_uri())
+    started.until(DRAWN)
+    assert started.value(_LAID_OUT) == ""

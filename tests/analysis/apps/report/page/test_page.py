@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import get_args
 
 import pytest
-from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
 from analysis.apps.report.page.write_page import Report, gather, rendered, write_page
@@ -20,12 +19,11 @@ from analysis.apps.report.run_charts import circle_charts, target_charts
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import texts_of
-from analysis.cli import app
-from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual, Subject
+from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
 from analysis.diagnosis.judge.result import Condition
-from rigs.errors import UseError
 from rigs.load import load, load_hidden
 from rigs.schema.limits import Limits
+from tests.support.command_line import errors_of, succeeded
 from tests.support.handmade_diagnosis import LOAD, diagnosis
 from tests.support.nightly import cases
 from tests.support.refusals import refused
@@ -45,7 +43,7 @@ def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     made = [*write_simulated(HIDDEN, TEXT, "yaw", ("acw", "cw"), [1], folder)]
     for test in ("radial", "repeatability"):
-        made += write_simulated(HIDDEN, TEXT, test, (None,), [1], folder)  # type: ignore[arg-type]
+        made += write_simulated(HIDDEN, TEXT, test, (None,), [1], folder)
     return made
 
 
@@ -97,7 +95,7 @@ def test_the_page_asks_for_nothing_and_allows_two_scripts_alone(page):
     assert len(page.encode()) < MOST_BYTES
     assert re.findall(r"""(?:src|href)=["'](?!data:)""", page) == []
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
-    assert policy and policy[1].startswith("default-src 'none'") and "unsafe-eval" not in policy[1]
+    assert policy[1].startswith("default-src 'none'") and "unsafe-eval" not in policy[1]
     allowed = re.findall(r"'sha256-([^']*)'", policy[1])
     scripts = re.findall(r'<script type="text/javascript">(.*?)</script>', page, flags=re.DOTALL)
     packed = re.search(r'id="plotly">([^<]*)<', page)
@@ -108,7 +106,6 @@ def test_the_page_asks_for_nothing_and_allows_two_scripts_alone(page):
 
 def test_every_picture_is_there_live_and_still(page):
     packed = re.search(r'id="data">([^<]*)<', page)
-    assert packed
     pictures = json.loads(gzip.decompress(base64.b64decode(packed[1])))["pictures"]
     assert page.count('class="live"') == page.count('class="still"') == len(pictures) > 10
     assert all(f'id="{name}"' in page for name in pictures)
@@ -143,7 +140,6 @@ def _shares(page: str) -> list[float]:
 
 def _first_sentence(page: str) -> str:
     sentence = re.search(r'<p class="lead headline">(.*?)</p>', page, flags=re.DOTALL)
-    assert sentence
     return sentence[1]
 
 
@@ -161,7 +157,7 @@ def test_runs_that_show_nothing_are_not_called_faultless(report):
 
 
 def test_remaining_error_has_a_row_for_each_comparison(report):
-    looked: dict[Subject, float | None] = {"posture": 0.004, "approach": 0.31, "temperature": None}
+    looked = {"posture": 0.004, "approach": 0.31, "temperature": None}
     residual = Residual(1.4, held_out=HeldOutResidual(108.0, 25.0, looked))
     found = diagnosis("named", curves=(), maps=(), residual=residual)
     last = report.results[-1]
@@ -211,23 +207,20 @@ def test_a_full_disk_keeps_the_old_page(report, tmp_path, monkeypatch):
             write_page(small, file)
     assert file.read_bytes() == old and list(tmp_path.iterdir()) == [file]
     write_page(small, file)
-    assert '<html lang="en">' in file.read_text(encoding="utf-8")
+    assert '<html lang="en">' in file.read_text()
 
 
 def test_the_command_writes_the_page_and_refuses_another_name(runs, tmp_path):
-    arguments = ["report", *map(str, runs[:2]), "--no-diagnosis", "-o"]
-    done = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.html")])
-    assert done.exit_code == 0, done.exception
-    assert "--no-diagnosis" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
-    refused = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.txt")])
-    assert isinstance(refused.exception, UseError) and "FILE.html" in str(refused.exception)
+    arguments = ["report", *runs[:2], "--no-diagnosis", "-o"]
+    succeeded(*arguments, tmp_path / "page.html")
+    assert "--no-diagnosis" in _text((tmp_path / "page.html").read_text())
+    assert "FILE.html" in errors_of(*arguments, tmp_path / "page.txt", exit_code=2)
 
 
 def test_diagnose_writes_the_same_page(runs, report, page, tmp_path, monkeypatch):
     monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", lambda *_: report.found)
-    done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "-o", str(tmp_path / "page.html")])
-    assert done.exit_code == 0, done.exception
-    written = _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+    succeeded("diagnose", *runs, "-o", tmp_path / "page.html")
+    written = _text((tmp_path / "page.html").read_text())
     first = slice(written.index("Verdict"), written.index("Verdict") + 1500)
     assert written[first] in _text(page) and "play of axis 1 (base)" in written[first]
 

@@ -1,6 +1,5 @@
 """The verdict on accuracy: the worst figure decides, uncertainty leaves it open, and a diagnosis stands alike."""
 
-from dataclasses import replace
 from typing import get_args
 
 import pytest
@@ -8,13 +7,14 @@ import yaml
 
 from analysis import evaluate_runs, load_run
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, figure_title, judge, verdict_sentence
-from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
+from analysis.apps.report.texts import keys_of, texts_of
 from analysis.diagnosis.judge.verdict import standing_of
 from analysis.procedures.pooled import figure_columns
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
 from rigs.schema.vocabulary import TestName
-from tests.support.handmade_diagnosis import diagnosis
+from tests.support.every import in_every_language
+from tests.support.handmade_diagnosis import diagnosis, judged
 from tests.support.written_runs import write_simulated
 
 TEXTS = texts_of("en")
@@ -60,7 +60,7 @@ def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps):
     assert sentence.count("fail above 0.0001 mm") == 1
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@in_every_language
 def test_the_worst_figure_is_named_and_the_others_counted(laps, language):
     texts = texts_of(language)
     narrow = Limit(fail=1e-6)
@@ -86,8 +86,7 @@ def test_a_fault_is_of_the_condition_and_not_of_the_accuracy(laps):
 
 
 def test_a_tolerance_that_was_given_decides(laps):
-    found = diagnosis("named")
-    found = replace(found, accuracy=replace(found.accuracy, standing="fail", limit="tolerance"))
+    found = judged(diagnosis("named"), standing="fail", limit="tolerance")
     verdict = judge(laps, _limits(band_deg=Limit(fail=100.0)), found)
     assert verdict.overall == "fail" and "--tolerance-um" in verdict_sentence(verdict, TEXTS)
 
