@@ -85,6 +85,11 @@ def filled(files: Files, pose: Callable[[int], str], joints: Callable[[int], str
     return files
 
 
+def numbers_of(T: Array, order: str = "xyz") -> list[float]:
+    """Place in mm, and turns about these axes in degrees."""
+    return [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler(order, degrees=True)]
+
+
 UR_TOOL = frame((0, 0, 145), Rotation.identity())
 UR = [
     (0, -80, 100, -20, 80, 0),
@@ -145,9 +150,8 @@ def status_turn(rig: Rig, q_deg: Sequence[float]) -> tuple[int, int]:
 
 def kuka_pose(rig: Rig, q_deg: Sequence[float], *, status: int | None = None) -> str:
     X = np.linalg.inv(KUKA_BASE) @ flange_at(rig, np.radians(q_deg)) @ KUKA_TOOL
-    values = [*X[:3, 3], *Rotation.from_matrix(X[:3, :3]).as_euler("ZYX", degrees=True)]
     S, T = status_turn(rig, q_deg)
-    pairs = [f"{name} {value:.6f}" for name, value in zip("XYZABC", values, strict=True)]
+    pairs = [f"{name} {value:.6f}" for name, value in zip("XYZABC", numbers_of(X, "ZYX"), strict=True)]
     return ",".join([*pairs, f"S {S if status is None else status}", f"T {T}"]) + NO_EXTERNAL
 
 
@@ -236,8 +240,7 @@ def fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
     T = np.linalg.inv(base) @ flange_at(rig, q) @ FANUC_TOOL
     (flip, up, front), counts = configuration_of(arm_of(rig.robot), q), [turns(float(angle)) for angle in q[3:]]
     letters = f"{'F' if flip else 'N'} {'U' if up else 'D'} {'T' if front else 'B'}"
-    x, y, z = T[:3, 3]
-    w, p, r = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
+    x, y, z, w, p, r = numbers_of(T)
     return (
         f"\t\tCONFIG : '{letters}, {', '.join(map(str, counts))}',\r\n"
         f"\tX ={x:10.3f}  mm,\tY ={y:10.3f}  mm,\tZ ={z:10.3f}  mm,\r\n"
@@ -303,9 +306,8 @@ STATED = {"kuka": KUKA_STATED, "fanuc": FANUC_STATED, "yaskawa": YASKAWA_STATED}
 
 
 def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
-    T = flange_at(rig, np.radians(q_deg)) @ YASKAWA_TOOL
-    turn = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
-    return ",".join([*(f"{value:.3f}" for value in T[:3, 3]), *(f"{value:.4f}" for value in turn)])
+    values = numbers_of(flange_at(rig, np.radians(q_deg)) @ YASKAWA_TOOL)
+    return ",".join(f"{value:.{3 + k // 3}f}" for k, value in enumerate(values))
 
 
 def yaskawa_files(files: Files, more: str = "") -> tuple[Rig, Files]:
@@ -360,6 +362,6 @@ def linuxcnc_files(files: Files) -> tuple[Rig, Files]:
             return g_words(q_deg)
         T = flange_at(rig, np.radians(q_deg))
         T = np.linalg.inv(shift) @ T if named[1] == "p" else T
-        return g_words([*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)])
+        return g_words(numbers_of(T))
 
     return rig, {name: re.sub(r"\{([pqm])(\d)\}", target, text) for name, text in files.items()}

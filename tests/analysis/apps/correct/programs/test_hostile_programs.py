@@ -34,6 +34,13 @@ def cell(tmp_path):
     return path
 
 
+@pytest.fixture
+def script(tmp_path):
+    path = tmp_path / "a.script"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    return path
+
+
 @pytest.mark.parametrize(
     ("name", "data", "code"),
     [
@@ -94,13 +101,11 @@ def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path, cell):
     assert "\x1b" not in done.stdout and "\x1b" not in done.stderr
 
 
-def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path):
-    path = tmp_path / "a.script"
-    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+def test_a_correction_beyond_what_is_plausible_is_refused(script):
     huge = JointOffset(axis=1, offset_deg=0.9, found=found(offset_deg=0.01))
-    refused = _corrected(path, huge)
+    refused = _corrected(script, huge)
     assert [one.reason for one in refused.left] == ["too_large"]
-    assert refused.files["a.script"] == path.read_bytes()
+    assert refused.files["a.script"] == script.read_bytes()
 
 
 def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tmp_path):
@@ -114,18 +119,6 @@ def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tm
     assert done.unknown[0] == "" and done.moved_mm.min() > 0.1
     assert re.fullmatch(r"axis \d \(\w+\) .*°, .*° to .*°", done.unknown[1])
     assert f": {done.unknown[1]}" in "\n".join(words_of(blocks(done)))
-
-
-def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path):
-    path = tmp_path / "a.script"
-    path.write_text(
-        "movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[9,0,0,0,0,0])\nmovej([7,0,0,0,0,0])\nmovej([0,0,0,0,0,0])\n"
-    )
-    assert [(one.line, one.reason) for one in _corrected(path).left] == [
-        (2, "unreachable"),
-        (3, "beyond_limits"),
-        (4, "singular"),
-    ]
 
 
 def test_command_writes_the_program_and_reports_it(tmp_path, cell):
@@ -144,8 +137,7 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
     assert path.read_bytes() == given
     whole = ran(f"correct {cell} --program {path} -o {out}2 --json --all-or-nothing")
     assert whole.returncode == 3 and "a.script" in whole.stderr and "next:" not in whole.stderr
-    found_json = json.loads(whole.stdout)
-    assert found_json["programs"][0]["targets"][0]["line"] == 1
+    assert json.loads(whole.stdout)["programs"][0]["targets"][0]["line"] == 1
 
 
 @pytest.mark.parametrize(
@@ -158,15 +150,12 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
         ("--start-joints 0,0,0,0,0,0", "program.option"),
     ],
 )
-def test_options_of_programs_without_a_value_or_a_program_are_refused(words, code, tmp_path, cell):
-    (tmp_path / "a.script").write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    assert failure_of(f"correct {cell} -o out {words}", cwd=tmp_path) == (2, code)
+def test_options_of_programs_without_a_value_or_a_program_are_refused(words, code, script, cell):
+    assert failure_of(f"correct {cell} -o out {words}", cwd=script.parent) == (2, code)
 
 
-def test_a_start_from_which_no_posture_comes_is_said(tmp_path, cell):
-    path = tmp_path / "a.script"
-    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = succeeded(f"correct {cell} --program {path} -o {tmp_path}/out --start-joints 0,-80,100,-20,80,0")
+def test_a_start_from_which_no_posture_comes_is_said(tmp_path, script, cell):
+    done = succeeded(f"correct {cell} --program {script} -o {tmp_path}/out --start-joints 0,-80,100,-20,80,0")
     assert "a.script: --start-joints" in done.stderr
 
 
@@ -203,24 +192,22 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     [JointOffset(axis=3, offset_deg=0.0008, found=found(offset_deg=0.00079)), Backlash(axis=1, width_deg=0.02)],
     ids=["a sound arm", "a play alone"],
 )
-def test_no_program_is_written_without_a_gain(effect, tmp_path, cell):
+def test_no_program_is_written_without_a_gain(effect, tmp_path, script, cell):
     cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
-    path, out = tmp_path / "a.script", tmp_path / "out"
-    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran(f"correct {cell} --program {path} -o {out} --json")
+    out = tmp_path / "out"
+    done = ran(f"correct {cell} --program {script} -o {out} --json")
     assert done.returncode == 3 and json.loads(done.stderr.splitlines()[-1])["error"]["code"] == "correct.no_gain"
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert contents(out / "corrections.yaml")["verdict"] == "nothing"
-    succeeded(f"correct {cell} --program {path} -o {tmp_path}/anyway --anyway")
+    succeeded(f"correct {cell} --program {script} -o {tmp_path}/anyway --anyway")
     assert ANYWAY in (tmp_path / "anyway" / "a.script").read_text()
     assert "next:" not in ran(f"correct {cell} -o {tmp_path}/bare --anyway").stderr
 
 
-def test_corrected_program_excludes_values_to_enter(tmp_path, cell):
+def test_corrected_program_excludes_values_to_enter(tmp_path, script, cell):
     """Programs and entered values together would correct twice."""
-    path, out = tmp_path / "a.script", tmp_path / "out"
-    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran(f"correct {cell} --program {path} -o {out}")
+    out = tmp_path / "out"
+    done = ran(f"correct {cell} --program {script} -o {out}")
     assert "calibration.conf" in ran(f"correct {cell} -o {tmp_path}/entered").stdout
     assert "calibration.conf" not in done.stdout and "correct twice" in " ".join(done.stdout.split())
     assert "--for" not in done.stderr

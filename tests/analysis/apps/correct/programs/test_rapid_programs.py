@@ -17,7 +17,6 @@ from tests.analysis.apps.correct.programs.cells import (
     corrected_files,
     module_of,
     robtarget_of,
-    uncorrected,
     write_files,
 )
 from tests.support.changed_rigs import with_robot
@@ -30,15 +29,6 @@ def test_rail_of_the_rig_file_must_be_at_zero(value, left, tmp_path):
     railed = with_robot(rig_of("abb-irb-120"), rail=Rail(direction=(0, 1, 0), limits_mm=(-500, 500)))
     _, files = abb_files(module_of(f"MoveJ {{p1={value}}},v9,fine,t;\n"))
     assert [one.reason for one in corrected_files(railed, tmp_path, files).left] == left
-
-
-def test_line_that_turns_the_tool_half_around_is_left(tmp_path):
-    """The direction of the rotation, and thus a turn of axis 6, may depend on the smallest change."""
-    rig = rig_of("abb-irb-120")
-    begin, end = (20, 10, 20, 30, 60, -90.0), (20, 10, 20, 30, 60, 89.5)
-    pose, joints = robtarget_of(rig, end, np.eye(4)), ",".join(map(str, begin))
-    move = f"MoveAbsJ [[{joints}],[9E9,9E9,9E9,9E9,9E9,9E9]],v9,fine,tool0;\nMoveL {pose},v9,fine,t;\n"
-    assert uncorrected(corrected_cell("abb", tmp_path, module_of("ConfL\\Off;\n" + move))) == [(7, "ambiguous")]
 
 
 VARIANTS = {name: text for name, text in cases_of("abb").items() if name.startswith("tool h declared")}
@@ -99,15 +89,6 @@ def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(q_deg, 
         and conf[place] != int(q_deg[axis] // 90)
         and conf[:3] == [int(np.floor(q[k] / (np.pi / 2) + 1e-9)) for k in (0, 3, 5)]
     )
-
-
-@pytest.mark.parametrize("offset", ["0,0,n", "n,0,0", "Abs(n),0,0"])
-def test_configuration_stays_if_an_approach_is_at_an_unknown_place(offset, tmp_path):
-    pose = robtarget_of(rig_of("abb-irb-120"), (20, 10, 20, 30, 60, 0.0), np.eye(4))
-    data = f"VAR num n;\nCONST robtarget p:={pose};"
-    files = module_of(f"MoveJ p,v9,fine,t;\nMoveL Offs(p,{offset}),v9,fine,t;\n", data=data)
-    found = corrected_cell("abb", tmp_path, files)
-    assert [one.reason for one in found.left if one.line == 4] == ["changes_flags"] and not found.names
 
 
 @pytest.mark.parametrize("name", ["a.mod", "a.MOD", "a.modx", "a.prg", "A.PRG"])

@@ -113,21 +113,6 @@ def test_approach_without_a_solution_is_listed_as_unknown(tmp_path):
     assert listed.unknown == "unreachable" and np.isnan(listed.after_mm)
 
 
-@pytest.mark.parametrize(
-    ("moves", "corrected"),
-    [
-        ("MoveJ Offs(p,0,0,20),v9,fine,t;\nMoveL Offs(p,0,0,-60),v9,fine,t;\n", True),
-        ("MoveJ Offs(p,0,0,0),v9,fine,t;\nMoveJ Offs(p,0,0,-70),v9,fine,t;\n", True),
-        ("MoveJ Offs(p,0,0,n),v9,fine,t;\n", False),
-        ("MoveJ Offs(p,0,0,20),v9,fine,t;\nMoveJ Offs(p,0,0,n),v9,fine,t;\n", False),
-        ("MoveJ Offs(p,0,0,5000),v9,fine,t;\n", False),
-    ],
-)
-def test_point_used_only_with_offsets_is_corrected_if_every_position_gains(moves, corrected, tmp_path):
-    text = module_of(moves, data="VAR num n;\nCONST robtarget p:={p1};")["a.mod"].replace("ENDMODULE", "")
-    assert ("p" in corrected_cell("abb", tmp_path, {"a.mod": text}).names) == corrected
-
-
 def _arc(maker: str, turned_deg: float) -> tuple[Rig, list[Array], list[Array]]:
     """A rig, the joint angles at start, via point and end, and the poses of the tool there.
 

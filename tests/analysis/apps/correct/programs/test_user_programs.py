@@ -35,11 +35,9 @@ from tests.analysis.apps.correct.programs.cells import (
     YASKAWA_TOOL,
     corrected,
     corrected_cell,
-    corrected_files,
     fanuc_joints,
     fanuc_point,
     fanuc_pose,
-    kuka_joints,
     kuka_pose,
     module_of,
     quaternion,
@@ -311,14 +309,6 @@ def test_kuka_status_and_turn_state_the_posture(k, tmp_path):
         assert uncorrected(corrected_cell("kuka", tmp_path, other)) == [(4, "other_flags")]
 
 
-def test_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path):
-    """KUKA keeps the posture along a line, whatever S and T say: here the wrist is turned over."""
-    turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)
-    for start, why in ((turned, [(5, "two_postures")]), (KUKA[3], [])):
-        files = {"a.src": f"{HEAD}PTP {{{kuka_joints(start)}}}\nLIN {{p3}}\nEND\n"}
-        assert uncorrected(corrected_cell("kuka", tmp_path, files)) == why
-
-
 ABB_OBJECT = frame((300, 50, 100), Rotation.from_euler("z", 20, degrees=True))
 
 
@@ -397,28 +387,6 @@ def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path):
     found = corrected_cell("abb", tmp_path, files)
     assert not found.left
     assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[6]), ABB[3], ABB_TOOL) < 2e-3
-
-
-@pytest.mark.parametrize(
-    ("switch", "left"),
-    [("", []), ("ConfJ\\Off;", []), ("WHILE reg1<5 DO\nConfJ\\Off;\nENDWHILE", ["two_postures"])],
-)
-def test_configuration_that_only_counts_on_some_paths_leaves_the_target(switch, left, tmp_path):
-    """The wrist is turned over before the move: with its flags it turns back, without them it does not."""
-    over = "MoveAbsJ [[-30,5,25,75,-50,-25],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
-    found = corrected_cell("abb", tmp_path, module_of(f"{over}\n{switch}\nMoveJ {{p2}},v9,fine,t;\n"))
-    assert [one.reason for one in found.left] == left
-
-
-def test_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path):
-    """Axis 5 comes within a degree of 0 on the way: a controller may leave on either side."""
-    rig = rig_of("ur10e")
-    begin, end = (18.38, -53.75, 61.05, 85.82, 9.19, -88.1), (-11.97, -55.13, 65.49, 78.83, -4.74, -104.68)
-    home = ", ".join(f"{angle:.9f}" for angle in np.radians(begin))
-    for joint, left in ((-4.74, ["past_singularity"]), (9.0, [])):
-        X = flange_at(rig, np.radians([*end[:4], joint, end[5]]))
-        files = {"a.script": f"set_tcp(p[0,0,0,0,0,0])\nmovej([{home}])\nmovel(p[{ur_pose(X)}])\n"}
-        assert [one.reason for one in corrected_files(rig, tmp_path, files).left] == left
 
 
 @pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])
