@@ -14,7 +14,7 @@ import sys
 import threading
 from functools import cache
 from pathlib import Path
-from subprocess import CompletedProcess
+from subprocess import CompletedProcess, run
 from typing import Any
 
 import pytest
@@ -74,6 +74,11 @@ def ran(*words: str | Path, cwd: Path | None = None, typed: str = "", **env: str
             patched.setenv(name, value)
         code = ended(*words)
     return CompletedProcess(words, code, *(pipe.buffer.getvalue().decode() for pipe in (out, err)))
+
+
+def separately(*words: object, **options: Any) -> CompletedProcess[str]:
+    """Run a program in a process of its own."""
+    return run(list(map(str, words)), capture_output=True, text=True, check=False, **options)
 
 
 def succeeded(*words: str | Path, **options: Any) -> CompletedProcess[str]:

@@ -1,13 +1,12 @@
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from rigs.load import SHIPPED
-from tests.support.command_line import ran
+from tests.support.command_line import ran, separately
 from tests.support.store_cases import finished
 
 BIN = Path(sys.executable).parent
@@ -68,8 +67,7 @@ def test_bash_completes_once_it_is_installed(place):
     at_home = os.environ | {"HOME": str(place), "PATH": f"{BIN}:{os.environ['PATH']}"}
 
     def bash(script: str) -> str:
-        words = ["bash", "--norc", "-c", script]
-        return subprocess.run(words, capture_output=True, text=True, check=True, cwd=place, env=at_home).stdout
+        return separately("bash", "--norc", "-c", script, cwd=place, env=at_home).stdout
 
     assert "completion installed" in bash("rig --install-completion; true")
     assert (place / ".bashrc").exists()

@@ -1,6 +1,5 @@
 import importlib
 import shlex
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from typer.testing import CliRunner
 from analysis import cli
 from analysis.cli import app
 from analysis.cli.commands import JOBS
-from tests.support.command_line import all_imported, succeeded
+from tests.support.command_line import all_imported, separately, succeeded
 
 BIN = Path(sys.executable).parent
 ROOT = all_imported()
@@ -68,7 +67,7 @@ def test_the_help_lists_every_command_in_the_order_of_the_work():
     ],
 )
 def test_a_wrong_call_of_rigd_is_one_line(words, line):
-    done = subprocess.run([BIN / "rigd", *words.split()], capture_output=True, text=True, check=False)
+    done = separately(BIN / "rigd", *words.split())
     assert (done.returncode, done.stderr) == (2, f"{line}\n")
 
 

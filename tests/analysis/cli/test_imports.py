@@ -1,12 +1,12 @@
 import json
 import os
-import subprocess
 import sys
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+from tests.support.command_line import separately
 from tests.support.dated_runs import dated_run
 
 _PRINT = """
@@ -35,7 +35,7 @@ WORDS = {
 
 def imported_by(*words: str | Path) -> list[str]:
     """The modules that a command imports, in a process of its own."""
-    done = subprocess.run([sys.executable, "-c", _PRINT, *words], capture_output=True, text=True, check=False)
+    done = separately(sys.executable, "-c", _PRINT, *words)
     modules = json.loads(done.stderr.rpartition("modules ")[2])
     assert "analysis.cli" in modules and done.returncode == 0, done.stderr
     return modules
@@ -91,9 +91,8 @@ def test_plant_commands_import_no_evaluation(run, tmp_path):
 
 def test_who_asks_the_daemon_imports_nothing_that_computes():
     code = "import sys, daq.service.client, analysis.cli.listings; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    modules = done.stdout.split()
-    assert "numpy" not in packages(modules)
+    modules = separately(sys.executable, "-c", code).stdout.split()
+    assert "daq" in packages(modules) and "numpy" not in packages(modules)
     assert not [name for name in modules if name.startswith(("rigs.rig", "rigs.effects", "daq.protocol", "daq.store"))]
 
 
@@ -114,7 +113,5 @@ def test_one_thread_unless_asked(asked, used):
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     if asked:
         environment["OPENBLAS_NUM_THREADS"] = asked
-    done = subprocess.run(
-        [sys.executable, "-c", _SHOW_THREADS, "--help"], capture_output=True, text=True, check=True, env=environment
-    )
+    done = separately(sys.executable, "-c", _SHOW_THREADS, "--help", env=environment)
     assert f"threads {used}" in done.stdout

@@ -54,12 +54,11 @@ def store(request, written, tmp_path, monkeypatch):
         assert not [one for one in temporary.iterdir() if one.name.startswith("rig-")]
 
 
-def ran(*words: object) -> subprocess.CompletedProcess[str]:
+def ran(*words: str | Path) -> subprocess.CompletedProcess[str]:
     """Run a command, in a separate process if the client of the store starts threads."""
-    texts = [str(word) for word in words]
-    if not any(text.startswith(("s3:", "sftp:")) for text in texts):
-        return command_line.ran(*texts)
-    return subprocess.run([*RIG, *texts], capture_output=True, text=True, check=False)
+    if not any(str(word).startswith(("s3:", "sftp:")) for word in words):
+        return command_line.ran(*words)
+    return command_line.separately(*RIG, *words)
 
 
 @pytest.mark.parametrize("store", ["file"], indirect=True)
@@ -122,7 +121,7 @@ def test_a_computer_whose_key_is_not_known_is_refused(written, tmp_path):
     with store_of("sftp", written, tmp_path / "keys") as made:
         (tmp_path / "known").touch()
         environment = os.environ | made.environment | {"FSSPEC_SFTP_KNOWN_HOSTS": str(tmp_path / "known")}
-        done = subprocess.run([*RIG, "verify", made.url], env=environment, capture_output=True, text=True, check=False)
+        done = command_line.separately(*RIG, "verify", made.url, env=environment)
     assert done.returncode == 4 and "host key" in done.stderr and done.stderr.count("\n") == 1
 
 

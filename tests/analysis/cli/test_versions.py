@@ -1,11 +1,10 @@
 import datetime as dt
-import json
 
 import pytest
 
 from analysis.apps.plant.versions import versions
 from rigs.load import load
-from tests.support.command_line import errors_of, ran, succeeded
+from tests.support.command_line import errors_of, json_of, ran, succeeded
 from tests.support.handmade_calibration import calibrated_model, written
 from tests.support.refusals import refused
 
@@ -20,7 +19,7 @@ def robot(tmp_path):
 def test_versions_are_listed_newest_first(robot):
     now, march = robot
     (now.parent / "other.yaml").write_text("no: rig\n")
-    seen = json.loads(ran(f"versions {now} --json").stdout)["versions"]
+    seen = json_of(f"versions {now}")["versions"]
     assert [(one["path"], one["date"], one["in_use"]) for one in seen] == [
         (str(now), "2026-11-20", True),
         (str(march), "2026-03-01", False),
@@ -57,5 +56,5 @@ def test_another_robot_is_refused(robot, tmp_path):
     before = now.read_bytes()
     errors_of(f"versions {now} --back-to {march}")
     assert now.read_bytes() == before
-    assert [one["path"] for one in json.loads(ran(f"versions {now} --json").stdout)["versions"]] == [str(now)]
+    assert [one["path"] for one in json_of(f"versions {now}")["versions"]] == [str(now)]
     errors_of(f"versions {now} --back-to {now}")

@@ -1,5 +1,4 @@
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from rigs.errors import CellError, FileError, RigError
 from rigs.load import load
 from tests.support.bench import BIN
 from tests.support.changed_rigs import shipped
-from tests.support.command_line import ended, errors_of, ran, succeeded
+from tests.support.command_line import ended, errors_of, ran, separately, succeeded
 
 
 @pytest.mark.parametrize(
@@ -54,7 +53,7 @@ CLOSED = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
 
 
 def test_closed_standard_input_counts_as_no_terminal(tmp_path):
-    done = subprocess.run([*CLOSED, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
+    done = separately(*CLOSED, "init", tmp_path / "cell.yaml")
     assert done.returncode == 2 and done.stderr.startswith("error: --robot: ")
 
 

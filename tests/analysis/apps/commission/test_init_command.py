@@ -1,6 +1,7 @@
 import contextlib
 import shlex
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,12 @@ def at_ports(unknown: UnknownCell) -> str:
     return " ".join([*(f"--port {port}" for port in unknown.gauge_ports), *unknown.robot_is_named, QUICK])
 
 
+@contextlib.contextmanager
+def asking(words: str) -> Iterator[tuple[Terminal, Person]]:
+    with Terminal(command(words), 80, 60, {}) as terminal:
+        yield terminal, Person(terminal)
+
+
 def init(folder: Path, words: str) -> str:
     """Run it without a terminal, and return what it prints."""
     return succeeded(f"init {words}", cwd=folder).stdout
@@ -44,8 +51,7 @@ def refused(folder: Path, words: str) -> str:
 def test_cell_is_identified_and_its_rig_file_checked(tmp_path, gauges, robot):
     with switched_on(gauges, robot) as unknown:
         path = tmp_path / "cell.yaml"
-        with Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal:
-            person = Person(terminal)
+        with asking(f"{path} {at_ports(unknown)}") as (terminal, person):
             person.answers("Robot: ", unknown.robot)
             person.asked("Push gauge 1")
             unknown.hand.mm["g2"] += 1.0  # it is the second one that is on the positive side
@@ -158,16 +164,15 @@ def test_json_without_a_robot_searches_for_none(tmp_path):
 
 def test_same_command_continues_with_its_keys(tmp_path):
     with switched_on("keyence", "ur") as unknown:
-        given = command(f"{tmp_path}/cell.yaml {at_ports(unknown)} --key g1.accuracy_mm=0.002")
-        with Terminal(given, 80, 60, {}) as terminal:
-            person = Person(terminal)
+        given = f"{tmp_path}/cell.yaml {at_ports(unknown)} --key g1.accuracy_mm=0.002"
+        with asking(given) as (terminal, person):
             person.answers("Robot: its", unknown.robot)
             person.answers("Push gauge 1", "1")
             person.asked("Distance between")
             terminal.type("\x04")
             assert terminal.ended() == 130
-        with Terminal(given, 80, 60, {}) as terminal:
-            Person(terminal).asked("Distance between")
+        with asking(given) as (terminal, person):
+            person.asked("Distance between")
             assert "Push gauge" not in terminal.text() and "Robot:" not in terminal.text()
 
 
@@ -188,8 +193,7 @@ def test_interrupted_questionnaire_continues(tmp_path, question):
     with switched_on("keyence", "ur") as unknown:
         answers["Robot: its"] = unknown.robot
         path = tmp_path / "cell.yaml"
-        with Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal:
-            person = Person(terminal)
+        with asking(f"{path} {at_ports(unknown)}") as (terminal, person):
             for asked in QUESTIONS[: QUESTIONS.index(question)]:
                 person.answers(asked, answers[asked])
             person.asked(question)
@@ -199,8 +203,7 @@ def test_interrupted_questionnaire_continues(tmp_path, question):
                 terminal.process.send_signal(signal.SIGINT)  # what Ctrl-C does
             assert terminal.ended() == 130
             assert not path.exists()
-        with Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal:
-            person = Person(terminal)
+        with asking(f"{path} {at_ports(unknown)}") as (terminal, person):
             begin = QUESTIONS.index(question)
             for asked in QUESTIONS[begin:]:
                 person.answers(asked, answers[asked])
@@ -212,11 +215,7 @@ def test_interrupted_questionnaire_continues(tmp_path, question):
 
 def test_wrong_answers_are_asked_again(tmp_path):
     path = tmp_path / "cell.yaml"
-    with (
-        switched_on("keyence", "ur") as unknown,
-        Terminal(command(f"{path} {at_ports(unknown)}"), 80, 60, {}) as terminal,
-    ):
-        person = Person(terminal)
+    with switched_on("keyence", "ur") as unknown, asking(f"{path} {at_ports(unknown)}") as (terminal, person):
         person.answers("Robot: its", "none")
         person.answers("cannot be none", "tcp://127.0.0.1:1")
         person.answers("connection refused", unknown.robot)
@@ -276,8 +275,7 @@ def test_file_created_meanwhile_is_left_alone(tmp_path):
     with switched_on("tesa", "ur") as unknown:
         (port,) = unknown.gauge_ports
         given = " ".join([f"--robot {unknown.robot}", *unknown.robot_is_named, f"--g1 {port} --arm ur10e"])
-        with Terminal(command(f"{path} {given} --tool 0,0,150 {QUICK}"), 80, 60, {}) as terminal:
-            person = Person(terminal)
+        with asking(f"{path} {given} --tool 0,0,150 {QUICK}") as (terminal, person):
             person.answers("Allowed error", "0")
             person.asked("Is the robot")
             path.write_text("mine")

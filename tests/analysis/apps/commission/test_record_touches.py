@@ -1,3 +1,5 @@
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,17 +51,18 @@ class Served:
         return {"streams": {"robot": self._robot}}
 
 
+def record(served: Served, folder: Path, say: Callable[[str], None] = print, placement: str = "") -> Path:
+    return record_touches(served, "monday", folder / "monday", "ada", placement, None, say)
+
+
 def test_the_touches_of_a_person_are_a_run(tmp_path, proposals):
     served, said = Served(), list[str]()
-    run = record_touches(served, "monday", tmp_path / "monday", "ada", "left", None, said.append)
+    run = record(served, tmp_path, said.append, "left")
     assert sum(line.startswith(TONE) for line in said) == 12
     assert proposals == [*((count, "A") for count in range(1, 6)), *((count, "B") for count in range(7, 12))]
     found = load_run(run)
-    assert (found.run.manifest.test, found.run.manifest.placement, found.run.manifest.operator) == (
-        "touch",
-        "left",
-        "ada",
-    )
+    told = found.run.manifest
+    assert (told.test, told.placement, told.operator) == ("touch", "left", "ada")
     planned = served.planned
     np.testing.assert_allclose(found.table.q, planned.q, atol=1e-9)
     assert found.table.socket.tolist() == planned.socket.tolist()
@@ -69,18 +72,18 @@ def test_the_touches_of_a_person_are_a_run(tmp_path, proposals):
 
 
 def test_ending_early_keeps_finished_touches(tmp_path):
-    run = record_touches(Served(8), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
+    run = record(Served(8), tmp_path)
     assert len(load_run(run).table.q) == 8
 
 
 def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path):
     said, silent = list[str](), CellError("robot", "no joints", "wait")
     with pytest.raises(CellError):
-        record_touches(Served(8, silent), "monday", tmp_path / "monday", "ada", "", None, said.append)
+        record(Served(8, silent), tmp_path, said.append)
     assert str(tmp_path / "monday") in said[-1] and len(load_run(tmp_path / "monday").table.q) == 8
 
 
 def test_too_few_touches_are_not_kept(tmp_path):
     with refused("touch.too_few"):
-        record_touches(Served(3), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
+        record(Served(3), tmp_path)
     assert not (tmp_path / "monday").exists()

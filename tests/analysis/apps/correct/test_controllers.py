@@ -43,7 +43,8 @@ def _cell(tmp_path: Path, rig: str, effects: Sequence[Effect]) -> Path:
     return cell
 
 
-def _printed(cell: Path, out: Path, *options: str) -> dict[str, Any]:
+def _printed(cell: Path, *options: str, name: str = "out") -> dict[str, Any]:
+    out = cell.parent / name
     succeeded("correct", cell, "-o", out, *options)
     return contents(out / "corrections.yaml")["controller"]
 
@@ -79,7 +80,7 @@ def _errors_mm(controller: Mastered | UniversalRobots, wanted: Sequence[tuple[Ar
 @pytest.mark.parametrize("name", MASTERED)
 def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path, name):
     scale = {"kuka": [], "abb": ["--scale", ",".join(map(str, GEAR))]}.get(name, ["--scale", ",".join(map(str, SCALE))])
-    entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--for", name, *scale)
+    entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), "--for", name, *scale)
     controller = _mastered(name)
     wanted = [_paper_arm(np.radians(q)) for q in TARGETS_DEG]
     before, after = _errors_mm(controller, wanted), _errors_mm(_entered(controller, entries), wanted)
@@ -109,7 +110,7 @@ def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets
     ]
     real = {"delta_theta": np.radians(OFF_DEG), "delta_d": np.array([0, 0, 0, 0, -0.4e-3, 0])}
     controller = _ur10e(real)
-    entries = _printed(_cell(tmp_path, "ur10e", faults), tmp_path / "out")
+    entries = _printed(_cell(tmp_path, "ur10e", faults))
     assert entries["name"] == "ur"
     wanted = [controller.flange(np.radians(q), NO_DELTA) for q in TARGETS_DEG]
     before = _errors_mm(controller, wanted)
@@ -145,7 +146,7 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path, rig):
 def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
     play = Backlash(axis=1, width_deg=0.05, found=found(width_deg=0.001))
     base = LinkGeometry(axis=1, field="d", delta=0.5, found=found(delta=0.003))
-    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]), tmp_path / "out")
+    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]))
     assert [one["parameter"] for one in entries["entries"]] == ["delta_theta[2]", "delta_d[1]"]
     assert entries["entries"][1]["add"] == pytest.approx(0.5e-3, rel=1e-3)
     assert entries["entries"][1]["worth_um"] == pytest.approx(500, rel=1e-3), "d1 moves the tool by itself, everywhere"
@@ -159,7 +160,7 @@ def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
 def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path):
     """Two diagnoses found a zero of axis 4, one after the other: each is sure, and their sum is not."""
     twice = [JointOffset(axis=4, offset_deg=deg, found=found(offset_deg=0.02)) for deg in (0.05, -0.03)]
-    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]), tmp_path / "out")
+    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]))
     assert [entry["parameter"] for entry in entries["entries"]] == ["delta_theta[2]"]
     assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
 
@@ -171,10 +172,10 @@ def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path):
     """
     fault = JointOffset(axis=3, offset_deg=0.05, found=found(offset_deg=0.004))
     unsure = [JointOffset(axis=axis, offset_deg=0.033, found=found(offset_deg=0.015)) for axis in (2, 4, 5)]
-    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, unsure[0]]), tmp_path / "out", "--for", "fanuc")
+    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, unsure[0]]), "--for", "fanuc")
     assert [one["parameter"] for one in entered["entries"]] == ["reading of axis 3"]
     many = [one.model_copy(update={"found": found(offset_deg=0.009)}) for one in unsure]
-    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, *many]), tmp_path / "all", "--for", "fanuc")
+    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, *many]), "--for", "fanuc", name="all")
     assert 1 < len(entered["entries"]) < 4
 
 
@@ -194,7 +195,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path):
 def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):
     """d2, d3 and d4 of three parallel axes do the same to every posture."""
     cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=found(delta=0.03))])
-    entries = _printed(cell, tmp_path / "out")
+    entries = _printed(cell)
     assert [one["parameter"] for one in entries["entries"]] == ["delta_d[2]", "delta_d[3]", "delta_d[4]"]
     assert [one["add"] for one in entries["entries"]] == pytest.approx([1e-4] * 3, rel=1e-3)
     assert [one["u"] for one in entries["entries"]] == pytest.approx([1e-5] * 3, rel=1e-3)
@@ -227,7 +228,7 @@ def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(t
     cell = tmp_path / "cell.yaml"
     cell.write_text(extended(text, zeros if elbow_deg else ZEROS, "cell"))
     scale = ["--scale", ",".join(map(str, SCALE))] if unit == "counts" else []
-    entries = _printed(cell, tmp_path / "out", "--for", "fanuc", *scale)
+    entries = _printed(cell, "--for", "fanuc", *scale)
     controller = replace(
         _mastered("fanuc"),
         model=lambda q: _paper_arm(np.linalg.solve(J3_SHOWN, q)),

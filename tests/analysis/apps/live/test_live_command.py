@@ -8,7 +8,7 @@ import pytest
 
 from analysis import save_run, simulate
 from tests.support.bench import BIN, Bench
-from tests.support.command_line import errors_of, ran, succeeded
+from tests.support.command_line import errors_of, ran, separately, succeeded
 from tests.support.live_terminal import Terminal
 from tests.support.nightly import cases
 from tests.support.recorded_lap import recorded
@@ -42,7 +42,7 @@ def test_runs_are_played_in_turn_with_overlaid_curves(run, tmp_path):
 @pytest.mark.parametrize("option", cases(("--plain", "--json", ""), ("",)))
 def test_run_is_played_without_posix(run, option):
     command = [*PORTABLE, "--run", run, "--speed", "64", *option.split()]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, cwd=ROOT)
+    done = separately(*command, timeout=500, cwd=ROOT)
     assert done.returncode == 0 and done.stderr == "" and "yaw" in done.stdout
 
 

@@ -1,6 +1,5 @@
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 from urllib.parse import unquote
@@ -9,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.command_line import json_of, ran, succeeded
+from tests.support.command_line import errors_of, json_of, separately, succeeded
 from tests.support.plant_runs import known_robot, write_visits
 from tests.support.store_cases import edit_manifest
 
@@ -133,8 +132,7 @@ def test_wrong_use_is_one_line(work, words, code, line):
     (work / "empty").mkdir(exist_ok=True)
     (work / "letter").write_text("Dear all,")
     pq.write_table(pa.table({"robot": ["mine"]}), work / "own.parquet")
-    done = ran(f"fleet {words}")
-    assert done.returncode == code and done.stderr.strip().startswith(line)
+    assert errors_of(f"fleet {words}", exit_code=code).strip().startswith(line)
     assert (work / "letter").read_text() == "Dear all," and not list(work.glob("*.tmp"))
 
 
@@ -153,9 +151,8 @@ def test_the_commands_of_the_page_run(work):
 def test_pandas_example_of_the_page_runs(work):
     pytest.importorskip("pandas")
     fleet("plant --parquet figures.parquet")
-    script = [sys.executable, "-W", "error", "-c", snippet("python")]
-    printed = subprocess.run(script, cwd=work, capture_output=True, text=True, check=True).stdout
-    assert re.search(r"robot-003 .*0\.\d+", printed)
+    done = separately(sys.executable, "-W", "error", "-c", snippet("python"), cwd=work)
+    assert re.search(r"robot-003 .*0\.\d+", done.stdout) and not done.returncode
 
 
 def test_duckdb_example_of_the_page_runs(work):

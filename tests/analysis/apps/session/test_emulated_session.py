@@ -12,6 +12,7 @@ import pytest
 
 from analysis.apps.session.session_state import SessionDirectory
 from tests.support.bench import BIN
+from tests.support.command_line import separately
 from tests.support.session_cell import cell_file
 
 _STARTS_S, _ENDS_S = 60.0, 20.0
@@ -54,7 +55,7 @@ def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path):
         time.sleep(0.2)
     broken = next((directory / "runs").glob("*_p01-yaw-acw"))
     for _ in range(_TRIES):
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=250)
+        done = separately(*command, env=environment, timeout=250)
         if done.returncode == 0:
             break
     assert done.returncode == 0, done.stdout + done.stderr
