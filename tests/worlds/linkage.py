@@ -55,36 +55,29 @@ SHAPES = {
 class MotorErrors:
     """Errors at the outputs of the gears of the six motors, in rad; soft in rad/Nm.
 
-    zero: actual minus counted angle. play: width, the output lags behind the last move. wave, phase: eight waves per
-    turn of the output.
+    zero: actual minus counted angle. play: width, the output lags behind the last move. wave: eight waves per turn of
+    the output.
     """
 
     zero: Array
     play: Array
     wave: Array
-    phase: Array
     soft: Array
 
     def of(self, motors: Array, came_from: Array, torque: Callable[[Array], Array]) -> Array:
         """Errors (n, 6) of the outputs at counted angles (n, 6), after a move from other angles."""
         errors = self.zero - self.play / 2 * np.sign(motors - came_from)
-        errors = errors + self.wave * np.sin(_WAVES * motors + self.phase)
+        errors = errors + self.wave * np.sin(_WAVES * motors)
         return np.asarray(errors + self.soft * torque(motors) if self.soft.any() else errors)
 
 
 @dataclass(frozen=True)
 class LinkedArm:
-    """A real arm: the shape with small errors of five links (5, 6) in rad and mm, and errors of the motors."""
+    """An arm of exact shape with errors of its motors."""
 
     shape: Shape
-    links: Array
     errors: MotorErrors
     tool_mm: Array
-
-    def zero_deg(self, axis: int) -> float:
-        """Zero error of motor 2 or 3 in degrees, including the twist of the link before its axis."""
-        twist = self.links[axis - 2, 1] * (1 if axis == 2 else -1)
-        return float(np.degrees(self.errors.zero[axis - 1] + twist))
 
     def displayed(self, motors: Array) -> Array:
         """Displayed angles (n, 6) rad of a controller that takes its zeros for correct."""
@@ -111,7 +104,6 @@ class LinkedArm:
     def _points(self, motors: Array) -> tuple[Array, Array, Array, Array]:
         """Middle of upper arm and forearm, the flange and the ball (n, 3) mm at true motor angles."""
         s = self.shape
-        links = [(Rotation.from_rotvec(row[:3]), row[3:]) for row in self.links]
         # Angle of the elbow about y: the forearm is level if the upper arm leans by as much as the elbow opens.
         bend = -_elevation(s, motors) - motors[:, 1]
         turns = [("z", motors[:, 0]), ("y", motors[:, 1]), ("y", bend)]
@@ -123,9 +115,6 @@ class LinkedArm:
             half = [s.forearm / 2, 0, s.elbow] if k == 2 else np.array(end) / 2
             middles.append(p + R.apply(half))
             p = p + R.apply(end)
-            if k < len(links):
-                p = p + R.apply(links[k][1])
-                R = R * links[k][0]
         along, left, up = self.tool_mm[2], -self.tool_mm[1], self.tool_mm[0]
         return middles[1], middles[2], p, p + R.apply([along, left, up])
 
@@ -152,17 +141,7 @@ def _elevation(shape: Shape, motors: Array) -> Array:
     return np.asarray(crank + (turned - crank + np.pi) % (2 * np.pi) - np.pi)
 
 
-NO_ERRORS = MotorErrors(*(np.zeros(6) for _ in range(5)))
-
-
-def drawn_arm(shape: Shape, rng: np.random.Generator) -> LinkedArm:
-    """Draw an arm with the errors of an ordinary industrial arm."""
-    errors = MotorErrors(
-        0.015 * _DEG * rng.normal(size=6), rng.uniform(0, 0.004, 6) * _DEG, 0.003 * _DEG * rng.normal(size=6),
-        rng.uniform(0, 2 * np.pi, 6), rng.uniform(1e-6, 4e-6, 6),
-    )  # fmt: skip
-    links = np.hstack([0.015 * _DEG * rng.normal(size=(5, 3)), 0.1 * rng.normal(size=(5, 3))])
-    return LinkedArm(shape, links, errors, np.array([50.0, 20.0, 100.0]) + rng.normal(size=3))
+NO_ERRORS = MotorErrors(*(np.zeros(6) for _ in range(4)))
 
 
 def with_fault(arm: LinkedArm, kind: str, axis: int, size: float) -> LinkedArm:
@@ -182,50 +161,3 @@ def postures(shape: Shape, count: int, rng: np.random.Generator) -> Array:
     if shape.drive == "elbow":
         motors[:, 2] += motors[:, 1]
     return motors
-
-
-def tracked(arm: LinkedArm, count: int, rng: np.random.Generator, noise_mm: float) -> tuple[Array, Array, Array]:
-    """Return displayed angles (n, 6) rad, those before the last move, and places (n, 3) mm seen by a tracker.
-
-    Every posture is measured twice, after the same move.
-    """
-    motors = postures(arm.shape, count, rng)
-    came_from = motors + rng.uniform(0.1, 0.3, motors.shape) * rng.choice([-1, 1], motors.shape)
-    motors, came_from = np.tile(motors, (2, 1)), np.tile(came_from, (2, 1))
-    places = arm.tips(motors, came_from) + rng.normal(0, noise_mm, (len(motors), 3))
-    turn = Rotation.from_rotvec(rng.normal(size=3))
-    return arm.displayed(motors), arm.displayed(came_from), turn.apply(places) + rng.normal(0, 1000, 3)
-
-
-SOCKETS_MM = {"A": (0.85, -0.25, 0.1), "B": (0.7, 0.45, 0.3)}
-"""Places of two sockets, as shares of upper arm and forearm."""
-
-
-def touched(
-    arm: LinkedArm, motors: Array, sockets: list[str], scatter_mm: float, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Guide the ball into sockets from motor angles (n, 6) nearby. Return the motor angles, and whether it arrived."""
-    reach = arm.shape.upper + arm.shape.forearm
-    goal = reach * np.array([SOCKETS_MM[name] for name in sockets]) + rng.normal(0, scatter_mm, (len(sockets), 3))
-    still, rigid = replace(arm, errors=replace(arm.errors, play=np.zeros(6))), replace(arm, errors=NO_ERRORS)
-    motors = motors.copy()
-    for _ in range(25):
-        away, here = goal - still.tips(motors, motors), rigid.tips(motors, motors)
-        J = np.stack([(rigid.tips(motors + step, motors) - here) / 1e-6 for step in 1e-6 * np.eye(6)], axis=2)
-        inner = J @ J.transpose(0, 2, 1) + np.eye(3)
-        step = np.einsum("nji,nj->ni", J, np.linalg.solve(inner, away[..., None])[..., 0])
-        motors += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-9))
-    near = np.linalg.norm(goal - still.tips(motors, motors), axis=1) < 1e-4
-    elevation = _elevation(arm.shape, motors)
-    inside = np.column_stack([motors[:, :2], elevation, motors[:, 3:]])
-    return motors, near & (inside > _LOW - 0.3).all(axis=1) & (inside < _HIGH + 0.3).all(axis=1)
-
-
-def touch_postures(arm: LinkedArm, sockets: list[str], scatter_mm: float, rng: np.random.Generator) -> Array:
-    """Draw touches of sockets in different postures; angles (n, 6) rad of the motors."""
-    found = np.full((len(sockets), 6), np.nan)
-    while (missing := np.flatnonzero(np.isnan(found[:, 0]))).size:
-        names = [sockets[k] for k in missing]
-        motors, good = touched(arm, postures(arm.shape, len(names), rng), names, scatter_mm, rng)
-        found[missing[good]] = motors[good]
-    return found

@@ -9,7 +9,8 @@ from analysis.robot.predict import geometric_arm, model_of, moved
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkBending, TransmissionError
-from tests.trials.linkage import rig_for
+from rigs.load import parse
+from rigs.rig import Rig
 from tests.worlds import linkage as world
 
 TOOL_MM = np.array([50.0, 20.0, 100.0])
@@ -21,12 +22,26 @@ FAULTS: dict[str, tuple[float, Effect]] = {
 }
 
 
+def rig_for(name: str) -> Rig:
+    """An arm of the library, with masses, or with the linkage of a palletiser."""
+    shape = world.SHAPES[name]
+    robot = load_arm("fanuc-m-10ia" if shape.drive == "crank" else name).robot
+    upper = {"mass_kg": 12.0, "centre_mm": (shape.upper / 2, 0.0, 0.0)}
+    forearm = {"mass_kg": 8.0, "centre_mm": (shape.elbow, shape.forearm / 2, 0.0)}
+    axes = tuple(
+        axis.model_copy(update={1: upper, 2: forearm}.get(k, {})) for k, axis in enumerate(robot.axes)
+    )  # fmt: skip
+    update = {"axes": axes, "payload_kg": 5.0} | ({"drives": robot.coupling} if shape.drive == "crank" else {})
+    rig = parse("name: linkage\n" + load_arm("ur5e").text, "linkage.yaml")
+    return rig.model_copy(update={"robot": robot.model_copy(update=update)})
+
+
 @pytest.mark.parametrize("name", world.SHAPES)
 @pytest.mark.parametrize("kind", FAULTS)
 @pytest.mark.parametrize("axis", [2, 3])
 def test_motor_error_moves_the_tool_as_mechanics_predict(name, kind, axis):
     rng, shape = np.random.default_rng([4, axis]), world.SHAPES[name]
-    sound = world.LinkedArm(shape, np.zeros((5, 6)), world.NO_ERRORS, TOOL_MM)
+    sound = world.LinkedArm(shape, world.NO_ERRORS, TOOL_MM)
     size, effect = FAULTS[kind]
     motors = world.postures(shape, 20, rng)
     came_from = motors + rng.uniform(0.1, 0.3, motors.shape) * rng.choice([-1, 1], motors.shape)

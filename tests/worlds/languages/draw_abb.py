@@ -134,26 +134,26 @@ class Writer:
     def line(self, scope: _Scope) -> list[str]:
         """Return one or more instructions."""
         plain = [
-            (3.0, lambda: self.move(scope)),
-            (1.0, lambda: self._joint(self.pen.near())),
-            (0.6, lambda: self.again(scope)),
-            (0.4, lambda: self.arc(scope)),
-            (0.8, lambda: self.approach(scope)),
-            (1.0, self.harmless),
-            (0.8, lambda: [*self.call(), *self.move(scope)]),
-            (0.5, lambda: self.block(scope)),
+            (3.0, self.move),
+            (1.0, lambda _: self._joint(self.pen.near())),
+            (0.6, self.again),
+            (0.4, self.arc),
+            (0.8, self.approach),
+            (1.0, lambda _: self.harmless()),
+            (0.8, lambda scope: [*self.call(), *self.move(scope)]),
+            (0.5, self.block),
         ]
         wild = [
-            (0.8, lambda: self.offset(scope)),
-            (0.5, lambda: self._part(self.pen.pick(["tool", "wobj"]))),
-            (0.6, lambda: self.displace(scope)),
-            (0.5, lambda: self.changed(scope)),
-            (0.3, lambda: self.posture(scope)),
-            (0.3, self.unknown),
-            (0.2, lambda: self.array(scope)),
-            (0.12, lambda: self.track(scope)),
+            (0.8, self.offset),
+            (0.5, lambda _: self._part(self.pen.pick(["tool", "wobj"]))),
+            (0.6, self.displace),
+            (0.5, self.changed),
+            (0.3, self.posture),
+            (0.3, lambda _: self.unknown()),
+            (0.2, self.array),
+            (0.12, self.track),
         ]
-        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+        return drawn(self.pen, scope, plain, wild)
 
     def _ends(self) -> tuple[str, str, str]:
         """A tool, a work object, and the remaining arguments of a move."""
@@ -355,8 +355,3 @@ class Writer:
                 ]
             )
         ]
-
-
-def draw(seed: int, *, plain: bool) -> Draft:
-    """A random program."""
-    return Writer(Pen("abb", seed, plain=plain)).draft()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,15 +10,6 @@ from scipy.spatial.transform import Rotation
 from tests.worlds.languages.arms import Array
 from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
 from tests.worlds.languages.fanuc import config_letters
-
-
-@dataclass
-class _Scope:
-    """Frame and tool that the author assumes to be selected."""
-
-    uf: int = 1
-    ut: int = 1
-    depth: int = 0
 
 
 class _Text:
@@ -30,6 +21,16 @@ class _Text:
         self.positions: list[str] = []
         self.count = 0
         self.labels = 0
+
+
+@dataclass
+class _Scope:
+    """Program with the frame and tool that the author assumes to be selected."""
+
+    text: _Text
+    uf: int = 1
+    ut: int = 1
+    depth: int = 0
 
 
 class Writer:
@@ -56,12 +57,12 @@ class Writer:
         for _ in range(0 if pen.plain else pen.whole(0, 3)):
             self._routine()
         text = _Text("PICK_PART")
-        scope = _Scope(pen.pick([0, 1]), 1)
+        scope = _Scope(text, pen.pick([0, 1]), 1)
         begin = [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}"]
         text.lines += begin if pen.plain or pen.maybe(0.85) else begin[:1]
-        text.lines += self.joint(text, scope, pen.near())
+        text.lines += self.joint(scope, pen.near())
         for _ in range(pen.whole(4, 9)):
-            text.lines += self.line(text, scope)
+            text.lines += self.line(scope)
         self._write(text)
         tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.9)}
         frames = {str(k): T for k, T in self.frames.items() if k and (pen.plain or pen.maybe(0.9))}
@@ -98,14 +99,15 @@ class Writer:
     def _routine(self) -> None:
         pen = self.pen
         name, what = pen.name(upper=True), pen.pick(["moves", "tool", "frame", "mixed", "offset", "select"])
-        other, scope = _Text(name), _Scope(1, 1, 1)
+        other = _Text(name)
+        scope = _Scope(other, 1, 1, 1)
         if what == "moves":
-            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(other, scope, pen.astray())]
+            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(scope, pen.astray())]
         elif what == "mixed":
             other.lines = [
                 "  UFRAME_NUM=1",
                 "  UTOOL_NUM=1",
-                *(one for _ in range(3) for one in self.line(other, scope)),
+                *(one for _ in range(3) for one in self.line(scope)),
             ]
         elif what == "offset":
             other.lines = ["  OFFSET CONDITION PR[9]"]
@@ -116,33 +118,33 @@ class Writer:
         self._write(other)
         self.others.append((name, what))
 
-    def line(self, text: _Text, scope: _Scope) -> list[str]:
+    def line(self, scope: _Scope) -> list[str]:
         """Return one or more random lines of a program. They contain difficult statements unless `pen.plain` is set."""
         plain = [
-            (3.0, lambda: self.move(text, scope)),
-            (1.0, lambda: self.joint(text, scope, self.pen.near())),
-            (0.4, lambda: self.again(text, scope)),
-            (0.4, lambda: self.arc(text, scope)),
-            (0.4, lambda: self.approach(text, scope)),
-            (1.0, self.harmless),
-            (0.8, lambda: [*self.call(), *self.move(text, scope)]),
-            (0.5, lambda: self.block(text, scope)),
+            (3.0, self.move),
+            (1.0, lambda scope: self.joint(scope, self.pen.near())),
+            (0.4, self.again),
+            (0.4, self.arc),
+            (0.4, self.approach),
+            (1.0, lambda _: self.harmless()),
+            (0.8, lambda scope: [*self.call(), *self.move(scope)]),
+            (0.5, self.block),
         ]
         wild = [
-            (0.8, lambda: self.offset(text, scope)),
-            (0.7, lambda: self.setting(self.pen.pick(["tool", "frame"]))),
-            (0.5, lambda: self.select(text, scope)),
-            (0.4, lambda: self.changed(text, scope)),
-            (0.3, self.unknown),
-            (0.3, lambda: self.jump(text, scope)),
+            (0.8, self.offset),
+            (0.7, lambda _: self.setting(self.pen.pick(["tool", "frame"]))),
+            (0.5, self.select),
+            (0.4, self.changed),
+            (0.3, lambda _: self.unknown()),
+            (0.3, self.jump),
         ]
-        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+        return drawn(self.pen, scope, plain, wild)
 
-    def position(self, text: _Text, scope: _Scope, q: Array, *, joints: bool = False) -> int:
+    def position(self, scope: _Scope, q: Array, *, joints: bool = False) -> int:
         """Teach a position, and return its number."""
         pen = self.pen
-        text.count += 1
-        k = text.count
+        scope.text.count += 1
+        k = scope.text.count
         comment = pen.pick(["", f':"PUNKT{k}"'])
         degrees = np.degrees(q)
         extra = ""
@@ -164,12 +166,12 @@ class Writer:
                 f"\tX ={x:10.3f}  mm,\tY ={y:10.3f}  mm,\tZ ={z:10.3f}  mm,\n"
                 f"\tW ={w:10.3f} deg,\tP ={p:10.3f} deg,\tR ={r:10.3f} deg"
             )
-        text.positions.append(f"P[{k}{comment}]{{\n   GP1:\n{inside}{extra}\n}};")
+        scope.text.positions.append(f"P[{k}{comment}]{{\n   GP1:\n{inside}{extra}\n}};")
         return k
 
-    def move(self, text: _Text, scope: _Scope) -> list[str]:
+    def move(self, scope: _Scope) -> list[str]:
         pen = self.pen
-        k = self.position(text, scope, pen.near())
+        k = self.position(scope, pen.near())
         kind = pen.pick(
             [
                 f"J P[{k}] 30% CNT50",
@@ -184,18 +186,18 @@ class Writer:
         action = pen.pick([["  DO[1]=ON", "  WAIT (DI[2])"], ["  TC_ONLINE (ON)", *self.call()], self.setting("tool")])
         return [f"J P[{k}] 100% CNT0 ACC100 TB   0.00sec,P-SPS    ", *(f"\v{one}" for one in action), "\v"]
 
-    def again(self, text: _Text, scope: _Scope) -> list[str]:
-        if not text.count:
-            return self.move(text, scope)
-        return [f"L P[{self.pen.whole(1, text.count)}] 100mm/sec FINE    "]
+    def again(self, scope: _Scope) -> list[str]:
+        if not scope.text.count:
+            return self.move(scope)
+        return [f"L P[{self.pen.whole(1, scope.text.count)}] 100mm/sec FINE    "]
 
-    def arc(self, text: _Text, scope: _Scope) -> list[str]:
-        a, b = (self.position(text, scope, self.pen.near()) for _ in range(2))
+    def arc(self, scope: _Scope) -> list[str]:
+        a, b = (self.position(scope, self.pen.near()) for _ in range(2))
         return [f"C P[{a}]    \n  P[{b}] 100mm/sec FINE    "]
 
-    def joint(self, text: _Text, scope: _Scope, q: Array) -> list[str]:
+    def joint(self, scope: _Scope, q: Array) -> list[str]:
         """A move to joint angles (6,) rad."""
-        return [f"J P[{self.position(text, scope, q, joints=True)}] 20% FINE    "]
+        return [f"J P[{self.position(scope, q, joints=True)}] 20% FINE    "]
 
     def harmless(self) -> list[str]:
         pen = self.pen
@@ -210,33 +212,33 @@ class Writer:
         name = self.pen.pick(self.others)[0]
         return [self.pen.pick([f"  CALL {name}    ", f"  IF DI[4]=ON,CALL {name}"])]
 
-    def block(self, text: _Text, scope: _Scope) -> list[str]:
+    def block(self, scope: _Scope) -> list[str]:
         pen = self.pen
         if scope.depth > 1:
             return self.harmless()
-        inner = _Scope(scope.uf, scope.ut, scope.depth + 1)
-        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(text, inner)]
-        text.labels += 1
-        label = f"LBL[{text.labels}]"
+        inner = replace(scope, depth=scope.depth + 1)
+        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(inner)]
+        scope.text.labels += 1
+        label = f"LBL[{scope.text.labels}]"
         head, end = pen.pick(
             [(["  IF (DI[1]=ON) THEN"], ["  ENDIF"]), (["  FOR R[2]=1 TO 3"], ["  ENDFOR"]), (["  IF (R[1]>2) THEN"], ["  ELSE", "  DO[1]=OFF", "  ENDIF"]),
              ([f"  IF DI[1]=OFF,JMP {label}"], [f"  {label}"]), ([f"  {label}"], [f"  IF R[1]<5,JMP {label}"])]
         )  # fmt: skip
         return [*head, *body, *end]
 
-    def offset(self, text: _Text, scope: _Scope) -> list[str]:
+    def offset(self, scope: _Scope) -> list[str]:
         pen = self.pen
-        k = self.position(text, scope, pen.near())
+        k = self.position(scope, pen.near())
         how = pen.pick(["Offset,PR[3]", "Tool_Offset,PR[4]", "Offset", "VOFFSET,VR[1]", "INC", "COORD", "TB .10sec,DO[5]=ON Offset,PR[3]"])  # fmt: skip
         before = ["  OFFSET CONDITION PR[3]"] if how == "Offset" and pen.maybe(0.5) else []
         literal = ["  PR[3]=LPOS-LPOS", f"  PR[3,3]={pen.rng.uniform(2, 50):.1f}"] if pen.maybe(0.3) else []
         again = [f"L P[{k}] 100mm/sec FINE    "] if pen.maybe(0.6) else []
         return [*literal, *before, f"L P[{k}] 100mm/sec FINE {how}    ", *again]
 
-    def approach(self, text: _Text, scope: _Scope) -> list[str]:
+    def approach(self, scope: _Scope) -> list[str]:
         """An approach from above, using a position register set by the program."""
         pen = self.pen
-        k = self.position(text, scope, pen.near())
+        k = self.position(scope, pen.near())
         zeros = [f"  PR[12,{axis}]=0" for axis in (1, 2, 4, 5, 6)]
         z = pen.pick([10, 20, 30, 50])
         how = pen.pick([(f"  PR[12,3]={z}", "Offset,PR[12]"), (f"  PR[12,3]=(-{z})", "Tool_Offset,PR[12]")])
@@ -253,16 +255,16 @@ class Writer:
         )  # fmt: skip
         return ["  IF (DI[7]=ON) THEN", *lines, "  ENDIF"] if pen.maybe(0.3) else lines
 
-    def select(self, text: _Text, scope: _Scope) -> list[str]:
+    def select(self, scope: _Scope) -> list[str]:
         pen = self.pen
         if pen.maybe(0.2):
-            return [pen.pick(["  UFRAME_NUM=R[5]", "  UTOOL_NUM=R[6]"]), *self.move(text, scope)]
+            return [pen.pick(["  UFRAME_NUM=R[5]", "  UTOOL_NUM=R[6]"]), *self.move(scope)]
         scope.uf, scope.ut = pen.pick([0, 1, 3]), pen.pick([1, 2])
-        return [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}", *self.move(text, scope)]
+        return [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}", *self.move(scope)]
 
-    def changed(self, text: _Text, scope: _Scope) -> list[str]:
+    def changed(self, scope: _Scope) -> list[str]:
         pen = self.pen
-        k = self.position(text, scope, pen.near())
+        k = self.position(scope, pen.near())
         lines = [pen.pick([f"  P[{k}]=PR[8]", f"  P[{k},3]=R[4]", f"  PR[8]=P[{k}]"])]
         lines = lines if pen.maybe(0.6) else ["  IF (DI[8]=ON) THEN", *lines, "  ENDIF"]
         return [
@@ -282,15 +284,10 @@ class Writer:
             )
         ]
 
-    def jump(self, text: _Text, scope: _Scope) -> list[str]:
+    def jump(self, scope: _Scope) -> list[str]:
         if scope.depth or not self.others:
             return self.harmless()
-        text.labels += 2
-        a, b = text.labels - 1, text.labels
+        scope.text.labels += 2
+        a, b = scope.text.labels - 1, scope.text.labels
         return [f"  SELECT R[1]=1,CALL {self.pen.pick(self.others)[0]}", f"\t       =2,JMP LBL[{a}]", f"\t       ELSE,JMP LBL[{b}]", f"  LBL[{a}]",
-                *self.setting("tool"), f"  LBL[{b}:weiter]", *self.move(text, scope)]  # fmt: skip
-
-
-def draw(seed: int, *, plain: bool) -> Draft:
-    """A random program."""
-    return Writer(Pen("fanuc", seed, plain=plain)).draft()
+                *self.setting("tool"), f"  LBL[{b}:weiter]", *self.move(scope)]  # fmt: skip

@@ -109,25 +109,25 @@ class Writer:
     def line(self, scope: _Scope) -> list[str]:
         """Return one or more instructions."""
         plain = [
-            (3.0, lambda: self.move(scope)),
-            (1.0, lambda: self.joint(self.pen.near())),
-            (0.5, lambda: self.arc(scope)),
-            (1.0, self.harmless),
-            (0.8, lambda: [*self.call(), *self.move(scope)]),
-            (0.5, lambda: self.block(scope)),
+            (3.0, self.move),
+            (1.0, lambda _: self.joint(self.pen.near())),
+            (0.5, self.arc),
+            (1.0, lambda _: self.harmless()),
+            (0.8, lambda scope: [*self.call(), *self.move(scope)]),
+            (0.5, self.block),
         ]
         wild = [
-            (0.9, lambda: self.setting(self.pen.pick(["tool", "base", "base"]), scope)),
-            (0.6, lambda: self.computed(scope)),
-            (0.5, lambda: self.changed(scope)),
-            (0.4, lambda: self.external(scope)),
-            (0.3, self.unknown),
-            (0.3, lambda: self.interrupt(scope)),
-            (0.2, lambda: self.jump(scope)),
-            (0.5, lambda: self.returned(scope)),
-            (0.15, lambda: self.track(scope)),
+            (0.9, lambda scope: self.setting(self.pen.pick(["tool", "base", "base"]), scope)),
+            (0.6, self.computed),
+            (0.5, self.changed),
+            (0.4, self.external),
+            (0.3, lambda _: self.unknown()),
+            (0.3, self.interrupt),
+            (0.2, self.jump),
+            (0.5, self.returned),
+            (0.15, self.track),
         ]
-        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+        return drawn(self.pen, scope, plain, wild)
 
     def target(self, scope: _Scope, q: Array | None = None) -> str:
         """Components of a position near the middle of the work area."""
@@ -349,8 +349,3 @@ class Writer:
             f"  GOTO {label}",
             "ENDIF",
         ]
-
-
-def draw(seed: int, *, plain: bool) -> Draft:
-    """A random module."""
-    return Writer(Pen("kuka", seed, plain=plain)).draft()

@@ -128,29 +128,29 @@ class Writer:
     def line(self, scope: _Scope) -> list[str]:
         """Return one or more statements."""
         plain = [
-            (3.0, lambda: self.move(scope)),
-            (1.5, lambda: self.joints(scope)),
-            (1.0, lambda: self.named(scope)),
-            (0.4, lambda: self.arc(scope)),
-            (1.0, self.harmless),
-            (0.8, lambda: [*self.call(scope), *self.move(scope)]),
-            (0.5, lambda: self.block(scope)),
+            (3.0, self.move),
+            (1.5, self.joints),
+            (1.0, self.named),
+            (0.4, self.arc),
+            (1.0, lambda _: self.harmless()),
+            (0.8, lambda scope: [*self.call(scope), *self.move(scope)]),
+            (0.5, self.block),
         ]
         wild = [
-            (0.7, lambda: self.new_tool(scope)),
-            (0.6, lambda: self.computed(scope)),
-            (0.5, lambda: self.changed(scope)),
-            (0.4, lambda: self.shifted(scope)),
-            (0.3, self.unknown),
-            (0.3, lambda: self.inverse(scope)),
-            (0.5, lambda: self.waypoint(scope)),
-            (0.4, lambda: self.turning_arc(scope)),
-            (0.2, self.to_joints),
-            (0.2, lambda: self.other_program(scope)),
-            (0.8, lambda: self.approach(scope)),
-            (0.3, lambda: self.plane(scope)),
+            (0.7, self.new_tool),
+            (0.6, self.computed),
+            (0.5, self.changed),
+            (0.4, self.shifted),
+            (0.3, lambda _: self.unknown()),
+            (0.3, self.inverse),
+            (0.5, self.waypoint),
+            (0.4, self.turning_arc),
+            (0.2, lambda _: self.to_joints()),
+            (0.2, self.other_program),
+            (0.8, self.approach),
+            (0.3, self.plane),
         ]
-        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+        return drawn(self.pen, scope, plain, wild)
 
     def _target(self, scope: _Scope) -> str:
         return pose(self.pen.flange(self.pen.near()) @ scope.tool)
@@ -420,8 +420,3 @@ class Writer:
         if pen.maybe(0.3):
             return [f"movej(get_inverse_kin({self._target(scope)}), a=1.4, v=1.05)"]
         return [f"movej(get_inverse_kin({self._target(scope)}, qnear={near}), a=1.4, v=1.05)"]
-
-
-def draw(seed: int, *, plain: bool) -> Draft:
-    """A random program."""
-    return Writer(Pen("ur", seed, plain=plain)).draft()

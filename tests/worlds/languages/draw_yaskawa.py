@@ -4,21 +4,12 @@ shift or position.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.languages.arms import Array
 from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
 from tests.worlds.languages.inform import SCALE, rconf
-
-
-@dataclass
-class _Scope:
-    """Nesting depth of a line."""
-
-    depth: int = 0
 
 
 class _Job:
@@ -31,8 +22,14 @@ class _Job:
         self.outer: list[float] = []
         self.station: list[float] = []
         self.variables: list[str] = []
-        self.labels = 0
+        self.labels = self.depth = 0
         self.robot = "RB1"
+
+
+def _coordinates(X: Array) -> str:
+    """Position in mm and rotations in degrees of a frame (4, 4)."""
+    turns = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
+    return ",".join([*(f"{value:.3f}" for value in X[:3, 3]), *(f"{value:.4f}" for value in turns)])
 
 
 class Writer:
@@ -58,7 +55,7 @@ class Writer:
         job = self._job("PICK")
         job.lines += self.move(job, pen.near(), "MOVJ")
         for _ in range(pen.whole(4, 9)):
-            job.lines += self.line(job, _Scope())
+            job.lines += self.line(job)
         main = self._text(job)
         files, together = {}, []
         for name, text in self.texts.items():
@@ -85,9 +82,7 @@ class Writer:
         if job.kind == "PULSE":
             return ",".join(str(round(value)) for value in np.degrees(q) * np.array(SCALE))
         U = self.frames[job.user] if job.kind == "USER" else np.eye(4)
-        X = np.linalg.inv(U) @ self.pen.flange(q) @ self.tools[job.tool]
-        turns = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
-        return ",".join([*(f"{value:.3f}" for value in X[:3, 3]), *(f"{value:.4f}" for value in turns)])
+        return _coordinates(np.linalg.inv(U) @ self.pen.flange(q) @ self.tools[job.tool])
 
     def _text(self, job: _Job) -> str:
         count = len(job.positions)
@@ -123,32 +118,33 @@ class Writer:
             job.robot = pen.pick(["RB1", "RB1", "RB2"])
             job.lines = self.move(job, pen.astray(), "MOVJ")
         elif what == "mixed":
-            job.lines = [one for _ in range(3) for one in self.line(job, _Scope(1))]
+            job.depth = 1
+            job.lines = [one for _ in range(3) for one in self.line(job)]
         elif what == "off":
             job.lines = ["SFTOF"]
         else:
             job.lines = [f"SFTON {self._variable(job)}"] if what == "shift" else self.setting()
         self._finish(job)
 
-    def line(self, job: _Job, scope: _Scope) -> list[str]:
+    def line(self, job: _Job) -> list[str]:
         """Return one or more instructions."""
         plain = [
-            (3.0, lambda: self.move(job, self.pen.near())),
-            (0.4, lambda: self.arc(job)),
-            (1.0, self.harmless),
-            (0.8, lambda: [*self.call(), *self.move(job, self.pen.near())]),
-            (0.5, lambda: self.block(job, scope)),
+            (3.0, lambda job: self.move(job, self.pen.near())),
+            (0.4, self.arc),
+            (1.0, lambda _: self.harmless()),
+            (0.8, lambda job: [*self.call(), *self.move(job, self.pen.near())]),
+            (0.5, self.block),
         ]
         wild = [
-            (0.7, lambda: self.shift(job)),
-            (0.6, self.setting),
-            (0.5, lambda: self.variable(job)),
-            (0.4, lambda: self.again(job)),
-            (0.4, lambda: self.conveyor(job)),
-            (0.3, self.unknown),
-            (0.4, lambda: self.external(job)),
+            (0.7, self.shift),
+            (0.6, lambda _: self.setting()),
+            (0.5, self.variable),
+            (0.4, self.again),
+            (0.4, self.conveyor),
+            (0.3, lambda _: self.unknown()),
+            (0.4, self.external),
         ]
-        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+        return drawn(self.pen, job, plain, wild)
 
     def move(self, job: _Job, q: Array, word: str = "") -> list[str]:
         """A move to a new position."""
@@ -180,12 +176,13 @@ class Writer:
         name = self.pen.pick(self.others)
         return [self.pen.pick([f"CALL JOB:{name}", f"CALL JOB:{name} IF IN#(4)=ON"])]
 
-    def block(self, job: _Job, scope: _Scope) -> list[str]:
+    def block(self, job: _Job) -> list[str]:
         pen = self.pen
-        if scope.depth > 1:
+        if job.depth > 1:
             return self.harmless()
-        inner = _Scope(scope.depth + 1)
-        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(job, inner)]
+        job.depth += 1
+        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(job)]
+        job.depth -= 1
         job.labels += 1
         label = f"*L{job.labels}"
         head, end = pen.pick(
@@ -226,9 +223,7 @@ class Writer:
     def _place(self, job: _Job) -> str:
         """A position variable that contains a place of the work."""
         k, q = len(job.variables) + 1, self.pen.near()
-        X = self.pen.flange(q) @ self.tools[job.tool]
-        turns = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
-        numbers = ",".join([*(f"{value:.3f}" for value in X[:3, 3]), *(f"{value:.4f}" for value in turns)])
+        numbers = _coordinates(self.pen.flange(q) @ self.tools[job.tool])
         job.variables.append(f"///RCONF {','.join(map(str, rconf(q)))}{',0' * 18}\nP{k:05d}={numbers}")
         return f"P{k:03d}"
 
@@ -268,8 +263,3 @@ class Writer:
                 ]
             )
         ]
-
-
-def draw(seed: int, *, plain: bool) -> Draft:
-    """A random job."""
-    return Writer(Pen("yaskawa", seed, plain=plain)).draft()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -114,10 +114,15 @@ class Pen:
         return b"\xef\xbb\xbf" + data if coding == "utf-8" and self.maybe(0.1) else data
 
 
-def drawn(pen: Pen, kinds: Sequence[tuple[float, Callable[[], list[str]]]]) -> list[str]:
-    """Lines of a randomly chosen kind, by weight."""
+Kinds = Sequence[tuple[float, Callable[[Any], list[str]]]]
+"""Weights, and functions that write lines for the state of a program."""
+
+
+def drawn(pen: Pen, state: Any, plain: Kinds, wild: Kinds) -> list[str]:
+    """Lines of a randomly chosen kind, by weight; wild kinds only in programs that are not plain."""
+    kinds = plain if pen.plain else [*plain, *wild]
     weights = np.array([weight for weight, _ in kinds])
-    return kinds[int(pen.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
+    return kinds[int(pen.rng.choice(len(kinds), p=weights / weights.sum()))][1](state)
 
 
 def stated(T: Array) -> str:

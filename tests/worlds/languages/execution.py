@@ -8,6 +8,7 @@ text) are constant in each world, before and after the correction.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -27,6 +28,17 @@ _NEAR_RAD, _PARTS = 0.9, 40
 """Joint angles closer than this belong to one posture; number of steps along a line in which a posture is followed."""
 
 
+@dataclass(frozen=True)
+class Line:
+    place: Place
+    text: str
+
+
+def first_word(text: str) -> str:
+    """Word in capitals at the begin of a statement, or an empty string."""
+    return re.match(r"\$?\w*", text.strip())[0].upper()  # type: ignore[index]
+
+
 class LineBlocks:
     """Program text as lines with blocks, each statement on a line of its own."""
 
@@ -36,12 +48,12 @@ class LineBlocks:
     def _statement(self, line: Any) -> list[Any]:
         raise NotImplementedError
 
-    def _block(self, ends: tuple[str, ...]) -> list[Any]:
-        """Statements up to a line that begins with one of the ends, or to the last one without ends."""
+    def _block(self, *ends: str) -> list[Any]:
+        """Statements up to a line that begins with one of these words, or to the last line without ends."""
         nodes: list[Any] = []
         while self._at < len(self._lines):
             line = self._lines[self._at]
-            if ends and line.text.strip().upper().startswith(ends):
+            if first_word(line.text) in ends:
                 return nodes
             self._at += 1
             nodes += self._statement(line)
@@ -49,9 +61,19 @@ class LineBlocks:
             raise NotUnderstood("a block has no end")
         return nodes
 
+    def _body(self, *ends: str) -> tuple[list[Any], str]:
+        """Statements of a block, and the word that ends it."""
+        nodes = self._block(*ends)
+        self._at += 1
+        return nodes, first_word(self._lines[self._at - 1].text)
+
 
 class Ended(Exception):
     """The controller stops: the program has ended or is refused from here on."""
+
+
+def stop(_: Any) -> None:
+    raise Ended
 
 
 @dataclass(frozen=True)

@@ -16,24 +16,25 @@ from typing import Any
 
 import numpy as np
 
-from tests.worlds.languages.arms import Array, cell, links, placed
+from tests.worlds.languages.arms import Array, placed
 from tests.worlds.languages.execution import (
     Branch,
     Do,
     Ended,
     Goto,
     Label,
+    Line,
     LineBlocks,
     Loop,
     Place,
-    Robot,
     Step,
     Ways,
     World,
-    run_steps,
     steps_of,
+    stop,
 )
 from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
+from tests.worlds.languages.machines import JobMachine, elbow_up_and_front
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _AXES = ("X", "Y", "Z", "W", "P", "R")
@@ -60,12 +61,6 @@ class Position:
     src: frozenset[Place]
 
 
-@dataclass(frozen=True)
-class _Line:
-    place: Place
-    text: str
-
-
 @dataclass
 class _Routine:
     steps: list[Step]
@@ -87,11 +82,11 @@ class Program(LineBlocks):
             self._at = 0
             positions = _positions(name, rows[at["/POS"] + 1 : at["/END"]], at["/POS"] + 1)
             tracks = any("LINE_TRACK_SCHEDULE" in row and not re.search(r":\s*0\s*;", row) for row in rows[: at["/MN"]])
-            self.routines[head] = _Routine(steps_of(self._block(())), positions, tracks)
+            self.routines[head] = _Routine(steps_of(self._block()), positions, tracks)
             if name == main:
                 self.main = head
 
-    def _statement(self, line: _Line) -> list[Any]:
+    def _statement(self, line: Line) -> list[Any]:
         place, text = line.place, line.text
         upper = text.upper()
         if found := re.match(r"LBL\[(\w+)", upper):
@@ -99,30 +94,21 @@ class Program(LineBlocks):
         if found := re.match(r"JMP LBL\[(\w+)", upper):
             return [Goto(place, (found[1],), perhaps=False)]
         if re.match(r"IF\s*\(.*\)\s*THEN$", upper):
-            bodies = [self._block(("ELSE", "ENDIF"))]
-            self._at += 1
-            if self._lines[self._at - 1].text.upper().startswith("ELSE"):
-                bodies.append(self._block(("ENDIF",)))
-                self._at += 1
-            return [Branch(place, bodies, len(bodies) > 1)]
+            body, closing = self._body("ELSE", "ENDIF")
+            others = [self._body("ENDIF")[0]] if closing == "ELSE" else []
+            return [Branch(place, [body, *others], bool(others))]
         if upper.startswith("FOR "):
-            body = self._block(("ENDFOR",))
-            self._at += 1
-            return [Loop(place, body)]
+            return [Loop(place, self._body("ENDFOR")[0])]
         if upper.startswith(("IF", "SELECT")) or re.match(r"(=|ELSE,)", upper):
             action = re.split(r",(?![^(]*\))", text)[-1].strip()  # Commas in brackets separate arguments.
-            return [Branch(place, [self._statement(_Line(place, action))], False)]
+            return [Branch(place, [self._statement(Line(place, action))], False)]
         if re.match(r"(END|ABORT)$", upper):
-            return [Do(place, (lambda _: None) if upper == "END" else _abort, ends=True)]
+            return [Do(place, (lambda _: None) if upper == "END" else stop, ends=True)]
         return [Do(place, lambda m: m.instruction(text, place))]
 
 
-def _abort(_: Any) -> None:
-    raise Ended
-
-
-def _lines(name: str, rows: list[str], begin: int) -> list[_Line]:
-    lines: list[_Line] = []
+def _lines(name: str, rows: list[str], begin: int) -> list[Line]:
+    lines: list[Line] = []
     ended = False
     for number, row in enumerate(rows, start=begin + 1):
         found = re.match(r"\s*(\d*)\s*:(.*)$", row)
@@ -130,11 +116,11 @@ def _lines(name: str, rows: list[str], begin: int) -> list[_Line]:
             continue
         text = found[2].rstrip().removesuffix(";").strip()
         if not found[1] and lines and not ended:
-            lines[-1] = _Line(lines[-1].place, lines[-1].text + " " + text)
+            lines[-1] = Line(lines[-1].place, lines[-1].text + " " + text)
         elif text and not text.startswith(("!", "//", "--")):
-            lines.append(_Line((name, number), text))
+            lines.append(Line((name, number), text))
         elif found[1]:
-            lines.append(_Line((name, number), "!"))
+            lines.append(Line((name, number), "!"))
         ended = row.rstrip().endswith(";")
     return [line for line in lines if not line.text.startswith("!")]
 
@@ -156,16 +142,13 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
         }
         uf, ut = (re.search(rf"{which}\s*:\s*(\w+)", first) for which in ("UF", "UT"))
         config = re.search(r"CONFIG\s*:\s*'([^']*)'", first)
-        joints = all(f"J{axis}" in numbers for axis in range(1, 7))
-        X = None
-        if all(axis in numbers for axis in _AXES):
-            values = [numbers[axis] for axis in _AXES]
-            X = of_angles(*values)
+        joints = [numbers[f"J{axis}"] for axis in range(1, 7) if f"J{axis}" in numbers]
+        X = of_angles(*(numbers[axis] for axis in _AXES)) if numbers.keys() >= set(_AXES) else None
         moved = sum(float(value) for other in others for value in re.findall(rf"=\s*({_NUMBER})", other))
         positions[int(head[1])] = Position(
             int(uf[1]) if uf and uf[1].isdigit() else None,
             int(ut[1]) if ut and ut[1].isdigit() else None,
-            np.radians([numbers[f"J{axis}"] for axis in range(1, 7)]) if joints else None,
+            np.radians(joints) if len(joints) == 6 else None,
             X,
             config[1] if config else "",
             numbers.get("E1"),
@@ -176,19 +159,19 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
     return positions
 
 
-class Machine:
+class Machine(JobMachine):
     """A controller that executes a program along one execution path."""
 
+    dialect = "fanuc"
+
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
-        self.program, self.world = program, world
-        self.robot = Robot("fanuc", cell("fanuc"), world, ways)
+        super().__init__(program, world, ways)
         if any(position.rail for routine in program.routines.values() for position in routine.positions.values()):
             self.robot.begin_on_rail(world.number("rail", 50, 150))
         self.unchecked = bool(world.seed % 2)
         """True if the check of frame numbers is off ($FRM_CHKTYP), so the controller uses the selected frames."""
         self.uf: int | None = None
         self.ut: int | None = None
-        self.frames: dict[tuple[str, int], Array] = {}
         self.registers: dict[int, Array] = {}
         self.taught = {
             (name, number): position
@@ -196,29 +179,9 @@ class Machine:
             for number, position in routine.positions.items()
         }
         self.conditions = {"OFFSET": np.eye(4), "TOOL_OFFSET": np.eye(4)}
-        self.running = [program.main]
 
-    def run(self) -> None:
-        """Execute the program."""
-        run_steps(self, self.program.routines[self.program.main].steps)
-
-    def _call(self, name: str) -> None:
-        if name not in self.program.routines:
-            self._unknown(name)
-            return
-        self.running.append(name)
-        try:
-            run_steps(self, self.program.routines[name].steps, len(self.running))
-        finally:
-            self.running.pop()
-
-    def _frame(self, kind: str, number: int) -> Array:
-        if number == 0:
-            return np.eye(4)
-        if (kind, number) in self.frames:
-            return self.frames[kind, number]
-        stated = self.world.stated.get((kind, str(number)))
-        return self.world.shift(f"{kind}{number}") if stated is None else stated
+    def frame(self, kind: str, number: int) -> Array:
+        return super().frame(kind, number) if number else np.eye(4)
 
     def _register(self, number: int) -> Array:
         return self.registers[number] if number in self.registers else self.world.shift(f"PR[{number}]")
@@ -228,7 +191,7 @@ class Machine:
         if re.match(r"[JLCAS] +P(R?)\[", upper):
             self._move(text, place)
         elif found := re.match(r"(CALL|RUN) +([A-Z0-9_]+)", upper):
-            self._call(found[2])
+            self.call(found[2])
         elif found := re.match(r"U(FRAME|TOOL)_NUM *= *(\w+)", upper):
             number = int(found[2]) if found[2].isdigit() else int(self.world.number(text, 1, 3))
             if found[1] == "FRAME":
@@ -244,7 +207,7 @@ class Machine:
         elif found := re.match(r"P\[(\d+)[^\]]*?(?:, *(\d))?\] *= *(.*)", upper):
             self._teach(int(found[1]), found[2], found[3], place)
         elif not _STILL.match(upper):
-            self._unknown(upper)
+            self.unknown(upper)
 
     def _set_register(self, number: int, component: str | None, text: str) -> None:
         if component is None:
@@ -269,7 +232,7 @@ class Machine:
         if re.fullmatch(r"LPOS *- *LPOS", text.strip()):
             return np.eye(4)
         if text.strip() == "LPOS":
-            tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
+            tool, user = self.frame("tool", self.ut or 0), self.frame("frame", self.uf or 0)
             return np.asarray(inverted(user) @ self.robot.pose_now(tool))
         return self.world.shift(text)
 
@@ -305,7 +268,7 @@ class Machine:
                 setattr(self, name, int(self.world.number(name, 1, 3)) if self.unchecked else wanted)
             if wanted is not None and wanted != getattr(self, name) and not self.unchecked:
                 raise Ended
-        tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
+        tool, user = self.frame("tool", self.ut or 0), self.frame("frame", self.uf or 0)
         relative, offset, tool_offset = self._options(text)
         if position.rail is not None:
             self.robot.rail_mm = position.rail
@@ -346,15 +309,11 @@ class Machine:
                 offsets.append(None)
         return relative, offsets[0], offsets[1]
 
-    def _unknown(self, name: str) -> None:
-        """Execute a program without text: it does nothing, or changes position, frames, offsets and selections."""
-        if not self.robot.ways.choose(2):
-            return
-        self.robot.go_astray(name)
-        for kind in ("tool", "frame"):
-            for number in (1, 2, 3):
-                self.frames[kind, number] = self._frame(kind, number) @ self.world.shift(f"{name}{kind}{number}")
-        self.conditions["OFFSET"] = self.world.shift(name)
+    def unknown(self, name: str) -> None:
+        if self.robot.ways.choose(2):
+            self.robot.go_astray(name)
+            self.shift_frames(name, (1, 2, 3))
+            self.conditions["OFFSET"] = self.world.shift(name)
 
 
 @dataclass(frozen=True)
@@ -373,8 +332,5 @@ class Config:
 
 def config_letters(q: Array) -> str:
     """Return N or F for the wrist, U or D for the elbow, and T or B for the side the arm faces."""
-    first, shoulder, elbow, _, wrist, *_ = links(cell("fanuc"), q)
-    reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
-    above = bend - (bend @ reach) / (reach @ reach) * reach
-    up, front = above @ first[:3, 2] > 0, (wrist[:3, 3] - first[:3, 3]) @ first[:3, 0] > 0
+    up, front = elbow_up_and_front("fanuc", q)
     return f"{'F' if q[4] > 0 else 'N'} {'U' if up else 'D'} {'T' if front else 'B'}"

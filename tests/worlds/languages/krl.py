@@ -23,21 +23,21 @@ from tests.worlds.languages.execution import (
     Goto,
     Label,
     Leave,
+    Line,
+    LineBlocks,
     Loop,
     Place,
-    Robot,
     Step,
     Ways,
     World,
     copied,
-    run_steps,
+    first_word,
     steps_of,
 )
 from tests.worlds.languages.expressions import KRL, NotUnderstood, Tree, arithmetic
 from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
+from tests.worlds.languages.machines import NOWHERE, Value, ValueMachine
 
-Value = tuple[Any, frozenset[Place]]
-_NOWHERE: frozenset[Place] = frozenset()
 _STATE = ("$TOOL", "$BASE", "$IPO_MODE")
 _FRAMES = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
 _WITHOUT_MOTION = """
@@ -45,18 +45,13 @@ WAIT HALT ON_ERROR_PROCEED SIGNAL DECL INT REAL BOOL CHAR FRAME POS E6POS AXIS E
 EXTFCT EXTP IMPORT BRAKE RESUME CONTINUE PULSE SREAD SWRITE CWRITE CREAD COPEN CCLOSE ANIN ANOUT DIGIN
 MSGNOTIFY MSGSTATE MSGQUIT USERSPOT VARSTATE RSI_CREATE RSI_DELETE EKI_INIT EKI_OPEN EKI_CLOSE EKI_SEND
 GLOBAL CONST INIT RET SET_CD_PARAMS USE_CM_PRO_VALUES
+ABS SQRT SIN COS ROUND ATAN2 SVEL_CP SVEL_JOINT SLOAD SAPO FORWARD INVERSE
 """
 _STILL = frozenset(_WITHOUT_MOTION.split())
 
 
 _GIVES_BACK = ("EKI_GETFRAME", "EKI_GETREAL", "STRTOFRAME", "STRTOREAL")
 """System functions that return a value in their last argument."""
-
-
-@dataclass(frozen=True)
-class _Line:
-    place: Place
-    text: str
 
 
 @dataclass
@@ -67,22 +62,22 @@ class _Routine:
     """True for each output parameter."""
 
 
-def _lines(name: str, text: str) -> list[_Line]:
+def _lines(name: str, text: str) -> list[Line]:
     lines = []
     for number, raw in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         bare = "".join(part[0] for part in re.finditer(r'"[^"]*"|;.*|[^";]+|"', raw) if part[0][0] != ";").strip()
         if bare and not bare.startswith("&"):
-            lines.append(_Line((name, number), bare))
+            lines.append(Line((name, number), bare))
     return lines
 
 
-class Program:
+class Program(LineBlocks):
     """The modules of a cell: routines of the .src, data of the .dat."""
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
         self.routines: dict[str, _Routine] = {}
         self.written: dict[str, set[Place]] = {}
-        self.data: list[_Line] = []
+        self.data: list[Line] = []
         self.made: dict[int, dict[str, Value]] = {}
         """Data by world. Statements replace values and never modify them."""
         self.main = ""
@@ -102,8 +97,7 @@ class Program:
         found = re.match(r"(?i)(?:GLOBAL\s+)?(DEF|DEFFCT\s+\w+(?:\[\])?)\s+(\w+)\s*\(([^)]*)\)", head.text)
         if not found:
             return
-        nodes = self._block(("END", "ENDFCT"))
-        self._at += 1
+        nodes, _ = self._body("END", "ENDFCT")
         name = found[2].upper()
         parameters = tuple(one.split(":")[0].strip().upper() for one in found[3].split(",") if one.strip())
         returned = tuple(one.strip().upper().endswith(":OUT") for one in found[3].split(",") if one.strip())
@@ -111,39 +105,21 @@ class Program:
         if begins and not self.main:
             self.main = name
 
-    def _block(self, ends: tuple[str, ...]) -> list[Any]:
-        nodes: list[Any] = []
-        while True:
-            if self._at >= len(self._lines):
-                raise NotUnderstood("a block has no end")
-            line = self._lines[self._at]
-            word = re.match(r"\$?\w*", line.text)[0].upper()  # type: ignore[index]
-            if word in ends:
-                return nodes
-            self._at += 1
-            nodes += self._statement(line, word)
-
-    def _body(self, *ends: str) -> tuple[list[Any], str]:
-        nodes = self._block(ends)
-        closing = self._lines[self._at].text
-        self._at += 1
-        return nodes, closing.upper()
-
-    def _statement(self, line: _Line, word: str) -> list[Any]:
-        place = line.place
+    def _statement(self, line: Line) -> list[Any]:
+        place, word = line.place, first_word(line.text)
         match word:
             case "IF":
                 condition = re.sub(r"(?i)\bTHEN$", "", line.text[2:])
                 body, closing = self._body("ELSE", "ENDIF")
                 bodies = [body]
-                if closing.startswith("ELSE"):
+                if closing == "ELSE":
                     bodies.append(self._body("ENDIF")[0])
                 return [Branch(place, bodies, len(bodies) > 1, _valued(condition, line))]
             case "SWITCH":
                 bodies, otherwise, ends = [], False, ("CASE", "DEFAULT", "ENDSWITCH")
                 _, closing = self._body(*ends)
-                while not closing.startswith("ENDSWITCH"):
-                    otherwise |= closing.startswith("DEFAULT")
+                while closing != "ENDSWITCH":
+                    otherwise |= closing == "DEFAULT"
                     body, closing = self._body(*ends)
                     bodies.append(body)
                 return [Branch(place, bodies, otherwise, _valued(line.text[6:], line))]
@@ -210,35 +186,33 @@ def _move_of(word: str, text: str) -> tuple[list[Tree], dict[str, Tree], bool]:
     return points, {name: _tree(match[1]) for name, match in found.items() if match}, in_tool
 
 
-def _valued(text: str, line: _Line) -> Any:
+def _valued(text: str, line: Line) -> Any:
     text = text.strip()
     if not text:
         return None
     try:
         tree = _tree(text)
     except NotUnderstood:
-        return lambda m: (m.world.number(text), _NOWHERE)
+        return lambda m: (m.world.number(text), NOWHERE)
     return lambda m: m.evaluate(tree, line)
 
 
-class Machine:
+class Machine(ValueMachine):
     """A controller that executes a module along one execution path."""
 
+    dialect = "kuka"
+
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
-        self.program, self.world = program, world
-        self.robot = Robot("kuka", cell("kuka"), world, ways)
+        super().__init__(program, world, ways)
         self.robot.begin_on_rail(world.number("rail", 50, 150) if program.has_rail else 0.0)
-        self.scopes: list[dict[str, Value]] = [{}]
-        self.left: dict[str, Value] = {}
-        """Variables of the routine that ended last."""
         self.handlers: dict[str, str] = {}
         self.armed: list[str] = []
         if world.seed in program.made:
             self.scopes[0] |= program.made[world.seed]
             return
-        self.scopes[0]["$TOOL"] = (as_frame(world.shift("$TOOL")), _NOWHERE)
-        self.scopes[0]["$BASE"] = (as_frame(world.shift("$BASE")), _NOWHERE)
-        self.scopes[0]["$IPO_MODE"] = ("#BASE", _NOWHERE)
+        self.scopes[0]["$TOOL"] = (as_frame(world.shift("$TOOL")), NOWHERE)
+        self.scopes[0]["$BASE"] = (as_frame(world.shift("$BASE")), NOWHERE)
+        self.scopes[0]["$IPO_MODE"] = ("#BASE", NOWHERE)
         for line in program.data:
             self.declare(line.text, line)
         if not ways.taken:
@@ -250,17 +224,12 @@ class Machine:
 
     def call(self, name: str, values: list[Value]) -> Value:
         """Call a routine. Arguments become its own variables."""
-        routine = self.program.routines[name]
-        self.scopes.append(dict(zip(routine.parameters, copied(values), strict=False)))
-        try:
-            value = run_steps(self, routine.steps, len(self.scopes))
-        finally:
-            self.left = self.scopes.pop()
-        return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
+        parameters = self.program.routines[name].parameters
+        return self.run_routine(name, dict(zip(parameters, copied(values), strict=False)))
 
-    def declare(self, text: str, line: _Line) -> None:
+    def declare(self, text: str, line: Line) -> None:
         """Declare a variable, with its initial value if given."""
-        text = re.sub(r"(?i)^(DECL|GLOBAL|CONST)\s+", "", re.sub(r"(?i)^(DECL|GLOBAL|CONST)\s+", "", text))
+        text = re.sub(r"(?i)^((DECL|GLOBAL|CONST)\s+)*", "", text)
         found = re.match(r"(?i)(?:\w+\s+)?(\$?[A-Za-z_]\w*(?:\[\s*\d+\s*\])?)\s*=\s*(.*)$", text)
         if found:
             try:
@@ -269,8 +238,8 @@ class Machine:
                 return
             self.scopes[-1][found[1].upper().replace(" ", "")] = copied(value)
 
-    def instruction(self, text: str, line: _Line) -> None:
-        word = re.match(r"\$?\w*", text)[0].upper()  # type: ignore[index]
+    def instruction(self, text: str, line: Line) -> None:
+        word = first_word(text)
         if word in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL", "PTP_REL", "LIN_REL", "SPTP_REL", "SLIN_REL"):
             for handler in self.armed:
                 if self.robot.ways.choose(2):
@@ -312,19 +281,19 @@ class Machine:
         elif found := re.match(r"(?i)TRIGGER\s.*\bDO\s+(\w+\s*\(.*?\))", text):
             self.armed.append(found[1])
 
-    def _assigned(self, text: str, line: _Line) -> bool:
+    def _assigned(self, text: str, line: Line) -> bool:
         parts = _assignment(text)
         if parts is None:
             return False
         target, tree = parts
         try:
-            value = (self.world.number(text), _NOWHERE) if tree is None else self.evaluate(tree, line)
+            value = (self.world.number(text), NOWHERE) if tree is None else self.evaluate(tree, line)
         except NotUnderstood:
-            value = (self.world.number(text), _NOWHERE)
+            value = (self.world.number(text), NOWHERE)
         self.assign(target, value, line)
         return True
 
-    def assign(self, target: Tree, value: Value, line: _Line) -> None:
+    def assign(self, target: Tree, value: Value, line: Line) -> None:
         """Assign to a variable, an element or a component."""
         path = []
         while target[0] == "field":
@@ -333,81 +302,74 @@ class Machine:
         key = self._key(target, line)
         scope = next((one for one in (self.scopes[-1], self.scopes[0]) if key in one), self.scopes[0])
         if not path:
-            old, before = scope.get(key, (None, _NOWHERE))
+            old, before = scope.get(key, (None, NOWHERE))
             new = copied(value[0])
             if isinstance(old, dict) and isinstance(new, dict) and not key.startswith("$"):
                 new = {**old, **new} if set(new) < set(old) else new  # missing components keep their values
             scope[key] = (new, value[1] | before)
             return
-        old, src = self._read(key)
+        old, src = self.read(key)
         new = copied(old) if isinstance(old, dict) else {}
         new[path[0]] = value[0]
         scope[key] = (new, src | value[1] | {line.place})
 
-    def _key(self, tree: Tree, line: _Line) -> str:
+    def _key(self, tree: Tree, line: Line) -> str:
         if tree[0] == "index":
             return f"{self._key(tree[1], line)}[{int(self.evaluate(tree[2], line)[0])}]"
         return str(tree[1])
 
-    def _read(self, key: str) -> Value:
-        for scope in (self.scopes[-1], self.scopes[0]):
-            if key in scope:
-                return scope[key][0], scope[key][1] | self.program.written.get(key, set())
+    def read(self, key: str) -> Value:
+        if stored := self.stored(key, [self.scopes[-1], self.scopes[0]]):
+            return stored
         if key in _FRAMES:
-            return as_frame(np.eye(4)), _NOWHERE
+            return as_frame(np.eye(4)), NOWHERE
         if key == "$POS_ACT":
-            return self._pose_now(), _NOWHERE
+            return self._pose_now(), NOWHERE
         if key in ("$AXIS_ACT", "XHOME", "$H_POS"):
             q = self.robot.q if key == "$AXIS_ACT" else self.robot.here.centre
-            return {f"A{k + 1}": float(np.degrees(q[k])) for k in range(6)}, _NOWHERE
+            return {f"A{k + 1}": float(np.degrees(q[k])) for k in range(6)}, NOWHERE
         if found := re.fullmatch(r"(TOOL|BASE)_DATA\[(-?\d+)\]", key):
             stated = self.world.stated.get(("tool" if found[1] == "TOOL" else "frame", found[2]))
-            return as_frame(self.world.shift(key) if stated is None else stated), _NOWHERE
+            return as_frame(self.world.shift(key) if stated is None else stated), NOWHERE
         if re.search(r"FRAME|_BASE|_OFF|CORR", key):
-            return as_frame(self.world.shift(key)), _NOWHERE
+            return as_frame(self.world.shift(key)), NOWHERE
         if re.match(r"XP\d|X_", key):
-            return self._pose_now(), _NOWHERE
+            return self._pose_now(), NOWHERE
         return (
             key == "TRUE" if key in ("TRUE", "FALSE") else key if key[0] == "#" else self.world.number(key)
-        ), _NOWHERE
+        ), NOWHERE
 
     def _pose_now(self) -> dict[str, Any]:
-        base, tool = (as_matrix(self._read(name)[0]) for name in ("$BASE", "$TOOL"))
+        base, tool = (as_matrix(self.read(name)[0]) for name in ("$BASE", "$TOOL"))
         return as_frame(inverted(base) @ self.robot.pose_now(tool))
 
-    def evaluate(self, tree: Tree, line: _Line) -> Value:
-        """A value and the lines of its numbers."""
-        here = frozenset({line.place})
+    def binary(self, operator: str, a: Any, b: Any) -> Any:
+        if operator == ":":
+            return as_frame(as_matrix(a) @ as_matrix(b))
+        if isinstance(a, bool) or not isinstance(a, float | int) or not isinstance(b, float | int):
+            return a == b if operator == "==" else False
+        return arithmetic(operator, a, b)
+
+    def evaluate_own(self, tree: Tree, line: Line) -> Value:
         match tree:
-            case ("number", value) | ("text", value):
-                return value, _NOWHERE
-            case ("name", name):
-                return self._read(name)
             case ("aggregate", _, pairs):
                 values = [(name, self.evaluate(one, line)) for name, one in pairs]
-                return {name: value for name, (value, _) in values}, here.union(*(src for _, (_, src) in values))
-            case ("unary", operator, one):
-                value, src = self.evaluate(one, line)
-                return (not value if operator == "NOT" else -value if operator == "-" else value), src
-            case ("binary", operator, one, other):
-                (a, src), (b, more) = self.evaluate(one, line), self.evaluate(other, line)
-                if operator == ":":
-                    return as_frame(as_matrix(a) @ as_matrix(b)), src | more
-                return _binary(operator, a, b), src | more
+                src = frozenset({line.place}).union(*(src for _, (_, src) in values))
+                return {name: value for name, (value, _) in values}, src
             case ("index", _, _):
-                return self._read(self._key(tree, line))
+                return self.read(self._key(tree, line))
             case ("field", one, name):
                 value, src = self.evaluate(one, line)
                 if isinstance(value, dict) and name in value:
                     return value[name], src
                 return self.world.number(str(tree)), src
             case ("call", name, arguments):
-                value = self._function(name, [self.evaluate(one, line) for _, one in arguments], line)
+                value = self._function(name, [self.evaluate(one, line) for _, one in arguments])
                 self._give_back(name, [one for _, one in arguments], line)
                 return value
         raise NotUnderstood(str(tree))
 
-    def _function(self, name: str, values: list[Value], _: _Line) -> Value:
+    def _function(self, name: str, values: list[Value]) -> Value:
         if name in self.program.routines:
             return self.call(name, values)
         src = frozenset[Place]().union(*(more for _, more in values))
@@ -418,36 +380,18 @@ class Machine:
             case "INV_POS":
                 return as_frame(inverted(as_matrix(first))), src
             case "STOOL2":
-                return self._read(f"TOOL_DATA[{int(first['TOOL_NO'])}]")
+                return self.read(f"TOOL_DATA[{int(first['TOOL_NO'])}]")
             case "SBASE":
-                return self._read(f"BASE_DATA[{int(first)}]")
+                return self.read(f"BASE_DATA[{int(first)}]")
             case "SIPO_MODE":
                 return first, src
             case "IR_STOPM":  # KUKA's routine for stop messages, which does not move
                 return True, src
-            case (
-                "ABS"
-                | "SQRT"
-                | "SIN"
-                | "COS"
-                | "ROUND"
-                | "ATAN2"
-                | "SVEL_CP"
-                | "SVEL_JOINT"
-                | "SLOAD"
-                | "SAPO"
-                | "STRLEN"
-            ):
-                return self.world.number(name), src
-            case "FORWARD" | "INVERSE":
-                return self.world.number(name), src
-            case _ if name in _STILL or name.startswith(("MSG", "EKI_", "VAR", "STR", "CAST_")):
-                return self.world.number(name), src
-            case _:
+            case _ if name not in _STILL and not name.startswith(("MSG", "EKI_", "VAR", "STR", "CAST_")):
                 self._unknown(name)
         return self.world.number(name), src
 
-    def _give_back(self, name: str, arguments: list[Tree], line: _Line) -> None:
+    def _give_back(self, name: str, arguments: list[Tree], line: Line) -> None:
         """Write the output parameters of a routine or a system function to its arguments."""
         if routine := self.program.routines.get(name):
             for parameter, argument, back in zip(routine.parameters, arguments, routine.returned, strict=False):
@@ -455,33 +399,33 @@ class Machine:
                     self.assign(argument, self.left[parameter], line)
         elif name in _GIVES_BACK and arguments and arguments[-1][0] in ("name", "field", "index"):
             number, moved = self.world.number(name), as_frame(self.world.shift(name))
-            self.assign(arguments[-1], (moved if name.endswith("FRAME") else number, _NOWHERE), line)
+            self.assign(arguments[-1], (moved if name.endswith("FRAME") else number, NOWHERE), line)
 
     def _bas(self, command: str, number: Any) -> None:
         variables = self.scopes[0]
         if command == "#TOOL":
-            variables["$TOOL"] = copied(self._read(f"TOOL_DATA[{int(number)}]"))
+            variables["$TOOL"] = copied(self.read(f"TOOL_DATA[{int(number)}]"))
         elif command == "#BASE":
-            variables["$BASE"] = copied(self._read(f"BASE_DATA[{int(number)}]"))
+            variables["$BASE"] = copied(self.read(f"BASE_DATA[{int(number)}]"))
         elif command in ("#PTP_PARAMS", "#CP_PARAMS", "#FRAMES", "#PTP_DAT", "#CP_DAT"):
-            active = self._read("FDAT_ACT")[0]
+            active = self.read("FDAT_ACT")[0]
             if isinstance(active, dict) and "TOOL_NO" in active:
                 self._bas("#TOOL", active["TOOL_NO"])
                 self._bas("#BASE", active["BASE_NO"])
-                variables["$IPO_MODE"] = (active.get("IPO_FRAME", "#BASE"), _NOWHERE)
+                variables["$IPO_MODE"] = (active.get("IPO_FRAME", "#BASE"), NOWHERE)
 
-    def _move(self, word: str, text: str, line: _Line) -> None:
+    def _move(self, word: str, text: str, line: Line) -> None:
         if re.match(r"(?i)\s*\$AXIS_ACT\b", text):
             return  # to the current position
         points, settings, in_tool = _move_of(word, text)
-        state = {name: self._read(name)[0] for name in _STATE}
+        state = {name: self.read(name)[0] for name in _STATE}
         state |= {name: self.evaluate(tree, line)[0] for name, tree in settings.items()}
         for point in points:
             value, src = self.evaluate(point, line)
             self._to(word, value, state, line, src | {line.place}, in_tool=in_tool)
 
     def _to(
-        self, word: str, value: Any, state: dict[str, Any], line: _Line, src: frozenset[Place], *, in_tool: bool
+        self, word: str, value: Any, state: dict[str, Any], line: Line, src: frozenset[Place], *, in_tool: bool
     ) -> None:
         tool, base = as_matrix(state["$TOOL"]), as_matrix(state["$BASE"])
         if not isinstance(value, dict):
@@ -516,7 +460,7 @@ class Machine:
             if self.program.has_rail:
                 self.robot.rail_mm = self.world.number(name + "rail", 20, 90)
             for setting in ("$TOOL", "$BASE"):
-                value, src = self._read(setting)
+                value, src = self.read(setting)
                 self.scopes[0][setting] = (as_frame(as_matrix(value) @ self.world.shift(name + setting)), src)
 
 
@@ -560,9 +504,3 @@ def as_frame(T: Array) -> dict[str, Any]:
     """Aggregate of a frame (4, 4)."""
     x, y, z, c, b, a = angles_of(T)
     return {"X": x, "Y": y, "Z": z, "A": a, "B": b, "C": c}
-
-
-def _binary(operator: str, a: Any, b: Any) -> Any:
-    if isinstance(a, bool) or not isinstance(a, float | int) or not isinstance(b, float | int):
-        return a == b if operator == "==" else False
-    return arithmetic(operator, a, b)

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from tests.worlds.languages.arms import Array, cell, chain, placed
-from tests.worlds.languages.execution import Ended, Place, Robot, Ways, World, copied, run_steps
+from tests.worlds.languages.execution import Ended, Place, Ways, World, copied
 from tests.worlds.languages.expressions import NotUnderstood, Tree, arithmetic
 from tests.worlds.languages.frames import inverted, of_angles, of_quaternion, quaternion_of, shifted
-from tests.worlds.languages.rapid_text import Program, Value
+from tests.worlds.languages.machines import NOWHERE, Value, ValueMachine
+from tests.worlds.languages.rapid_text import Program
 
 __all__ = ["Conf", "Machine", "Program", "confdata"]
 
-_NOWHERE: frozenset[Place] = frozenset()
 _FIELDS = {
     "TRANS": 0, "ROT": 1, "ROBCONF": 2, "TFRAME": 1, "TLOAD": 2, "UFRAME": 3, "OFRAME": 4, "X": 0, "Y": 1, "Z": 2,
     "Q1": 0, "Q2": 1, "Q3": 2, "Q4": 3, "CF1": 0, "CF4": 1, "CF6": 2, "CFX": 3, "ROBAX": 0, "ROBHOLD": 0, "UFPROG": 1,
@@ -47,22 +47,22 @@ _STILL = frozenset(_WITHOUT_MOTION.split())
 """Instructions without motion. Those that change something of a pose are handled before."""
 
 
-class Machine:
+class Machine(ValueMachine):
     """A controller that executes a task along one execution path."""
 
+    dialect = "abb"
+
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
-        self.program, self.world = program, world
-        self.robot = Robot("abb", cell("abb"), world, ways)
+        super().__init__(program, world, ways)
         if program.has_rail:
             self.robot.begin_on_rail(world.number("rail", 50, 150))
         self.displaced = np.eye(4)
         self.conf = {"CONFJ": True, "CONFL": True}
         self.traps: dict[str, str] = {}
         self.armed: list[str] = []
-        self.scopes: list[dict[str, Value]] = [{}]
         unit = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
-        self.scopes[0]["TOOL0"] = ([True, unit, []], _NOWHERE)
-        self.scopes[0]["WOBJ0"] = ([False, True, "", unit, unit], _NOWHERE)
+        self.scopes[0]["TOOL0"] = ([True, unit, []], NOWHERE)
+        self.scopes[0]["WOBJ0"] = ([False, True, "", unit, unit], NOWHERE)
         if world.seed in program.made:
             self.scopes[0] |= program.made[world.seed]
             return
@@ -76,18 +76,12 @@ class Machine:
         self.call(self.program.main, [])
 
     def call(self, name: str, values: list[tuple[str, Value]]) -> Value:
-        routine = self.program.routines[name]
         scope = {}
         plain = iter([value for key, value in values if not key])
         keyed = {key: value for key, value in values if key}
-        for parameter in routine.parameters:
-            scope[parameter] = keyed.get(parameter) or next(plain, (self.world.number(parameter), _NOWHERE))
-        self.scopes.append(copied(scope))
-        try:
-            value = run_steps(self, routine.steps, len(self.scopes))
-        finally:
-            self.scopes.pop()
-        return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
+        for parameter in self.program.routines[name].parameters:
+            scope[parameter] = keyed.get(parameter) or next(plain, (self.world.number(parameter), NOWHERE))
+        return self.run_routine(name, copied(scope))
 
     def declare(self, name: str, value: Value) -> None:
         """Create a variable of the routine."""
@@ -105,7 +99,7 @@ class Machine:
             before = scope.get(name, value)[1]
             scope[name] = (copied(value[0]), value[1] | before)
             return
-        old, src = scope.get(name) or (self.outside(name, ""), _NOWHERE)
+        old, src = scope.get(name) or (self.outside(name, ""), NOWHERE)
         part = new = copied(old)
         for step in reversed(path[1:]):
             part = part[step]
@@ -114,8 +108,8 @@ class Machine:
 
     def _step(self, tree: Tree) -> int:
         if tree[0] == "field":
-            return 1 if tree[2] == "EXTAX" and False else _FIELDS.get(tree[2], 0)
-        return max(int(self.evaluate(tree[2], _NOWHERE)[0]) - 1, 0)
+            return _FIELDS.get(tree[2], 0)
+        return max(int(self.evaluate(tree[2], NOWHERE)[0]) - 1, 0)
 
     def outside(self, name: str, kind: str) -> Any:
         """Return data that the program lacks: in another module, taught, or stated by the user."""
@@ -135,34 +129,27 @@ class Machine:
             return self._target(self.robot.pose_now(np.eye(4)))
         return self.world.number(name)
 
-    def _read(self, name: str) -> Value:
-        for scope in (self.scopes[-1], self.scopes[0]):
-            if name in scope:
-                return scope[name][0], scope[name][1] | self.program.written.get(name, set())
+    def read(self, name: str) -> Value:
+        if stored := self.stored(name, [self.scopes[-1], self.scopes[0]]):
+            return stored
         if name in ("TRUE", "FALSE"):
-            return name == "TRUE", _NOWHERE
-        return self.outside(name, "ROBTARGET" if re.match(r"P\d", name) else ""), _NOWHERE
+            return name == "TRUE", NOWHERE
+        return self.outside(name, "ROBTARGET" if re.match(r"P\d", name) else ""), NOWHERE
 
     @staticmethod
     def _target(T: Array) -> Any:
         return [*_pose_of(T), [0.0, 0.0, 0.0, 0.0], [9e9] * 6]
 
-    def evaluate(self, tree: Tree, where: frozenset[Place]) -> Value:
-        """A value and the lines of its numbers."""
+    def binary(self, operator: str, a: Any, b: Any) -> Any:
+        if isinstance(a, list) and isinstance(b, list) and operator in "+-":
+            return [x + (y if operator == "+" else -y) for x, y in zip(a, b, strict=False)]
+        return False if isinstance(a, bool) else arithmetic(operator, a, b)
+
+    def evaluate_own(self, tree: Tree, where: frozenset[Place]) -> Value:
         match tree:
-            case ("number", value) | ("text", value):
-                return value, _NOWHERE
-            case ("name", name):
-                return self._read(name)
             case ("list", items):
                 values = [self.evaluate(one, where) for one in items]
                 return [value for value, _ in values], where.union(*(src for _, src in values))
-            case ("unary", operator, one):
-                value, src = self.evaluate(one, where)
-                return (not value if operator == "NOT" else -value if operator == "-" else value), src
-            case ("binary", operator, one, other):
-                (a, src), (b, more) = self.evaluate(one, where), self.evaluate(other, where)
-                return _binary(operator, a, b), src | more
             case ("index", one, _) | ("field", one, _):
                 value, src = self.evaluate(one, where)
                 if tree[0] == "field" and tree[2] == "EXTAX":
@@ -171,8 +158,8 @@ class Machine:
                 return (value[k] if isinstance(value, list) and k < len(value) else self.world.number(str(tree))), src
             case ("call", name, arguments):
                 if name == "STRTOVAL":  # which changes its argument
-                    self.assign(arguments[1][1], (self.world.number(name, 20, 90), _NOWHERE))
-                    return True, _NOWHERE
+                    self.assign(arguments[1][1], (self.world.number(name, 20, 90), NOWHERE))
+                    return True, NOWHERE
                 return self._function(name, [(key, self.evaluate(one, where)) for key, one in arguments])
         raise NotUnderstood(str(tree))
 
@@ -193,13 +180,13 @@ class Machine:
                 new[:2] = _pose_of(_frame(new) @ of_angles(*plain[1:4], *turns))
                 return new, src
             case "CROBT":
-                tool, wobj = keyed.get("TOOL", self._read("TOOL0")[0]), keyed.get("WOBJ", self._read("WOBJ0")[0])
+                tool, wobj = keyed.get("TOOL", self.read("TOOL0")[0]), keyed.get("WOBJ", self.read("WOBJ0")[0])
                 X = inverted(_wobj(wobj)) @ self.robot.pose_now(_frame(tool[1]))
                 return self._target(X), src
             case "CJOINTT":
                 return [np.degrees(self.robot.q).tolist(), [9e9] * 6], src
             case "CALCJOINTT":
-                F = _wobj(keyed.get("WOBJ", self._read("WOBJ0")[0])) @ _frame(plain[0]) @ inverted(_frame(plain[1][1]))
+                F = _wobj(keyed.get("WOBJ", self.read("WOBJ0")[0])) @ _frame(plain[0]) @ inverted(_frame(plain[1][1]))
                 q = self.robot.solve(F, self.robot.q)
                 if q is None:
                     raise Ended
@@ -212,7 +199,7 @@ class Machine:
             case "POSEINV":
                 return _pose_of(inverted(_frame(plain[0]))), src
             case "CTOOL":
-                return self._read("TOOL0")[0], src
+                return self.read("TOOL0")[0], src
             case "DEFFRAME" | "DEFACCFRAME" | "ORIENT":
                 return _pose_of(self.world.shift(name)), src
         return self.world.number(name), src
@@ -241,7 +228,7 @@ class Machine:
         elif name == "MOVEEXTJ":
             self._external(plain[0][0][1])
         elif name.startswith("EOFFS") or name in _STILL:
-            if name in ("STOP", "EXIT") and name == "EXIT":
+            if name == "EXIT":
                 raise Ended
         else:
             self._unknown(name)
@@ -258,7 +245,7 @@ class Machine:
         elif name == "PDISPSET":
             self.displaced = _frame(plain[0][0])
         else:
-            tool, wobj = plain[1][0], keyed.get("WOBJ", self._read("WOBJ0"))[0]
+            tool, wobj = plain[1][0], keyed.get("WOBJ", self.read("WOBJ0"))[0]
             there = _frame(plain[0][0])
             now = inverted(_wobj(wobj)) @ self.robot.pose_now(_frame(tool[1]))
             here = _frame(keyed["EXEP"][0]) if "EXEP" in keyed else now
@@ -278,7 +265,7 @@ class Machine:
         ]
         if not tools:
             raise Ended
-        tool, wobj = tools[0], keyed.get("WOBJ", self._read("WOBJ0"))[0]
+        tool, wobj = tools[0], keyed.get("WOBJ", self.read("WOBJ0"))[0]
         for value, src in plain[:count]:
             sources = src | where
             if not isinstance(value, list):
@@ -337,12 +324,6 @@ def confdata(q: Array) -> list[float]:
     front = centre[0] * np.cos(q[0]) + centre[1] * np.sin(q[0]) > 0
     cfx = 4 * (not front) + 2 * (np.degrees(q[2]) < -77) + int(q[4] < 0)
     return [float(np.floor(np.degrees(q[k]) / 90)) for k in (0, 3, 5)] + [float(cfx)]
-
-
-def _binary(operator: str, a: Any, b: Any) -> Any:
-    if isinstance(a, list) and isinstance(b, list) and operator in "+-":
-        return [x + (y if operator == "+" else -y) for x, y in zip(a, b, strict=False)]
-    return False if isinstance(a, bool) else arithmetic(operator, a, b)
 
 
 def _frame(pose: Any) -> Array:

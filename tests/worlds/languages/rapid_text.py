@@ -10,9 +10,7 @@ from typing import Any
 
 from tests.worlds.languages.execution import Branch, Do, Goto, Label, Loop, Place, Step, steps_of
 from tests.worlds.languages.expressions import RAPID, NotUnderstood, Tokens, Tree
-
-Value = tuple[Any, frozenset[Place]]
-_NOWHERE: frozenset[Place] = frozenset()
+from tests.worlds.languages.machines import NOWHERE, Value
 
 
 class Lined(Tokens):
@@ -29,7 +27,7 @@ class Lined(Tokens):
     def span(self, begin: int) -> frozenset[Place]:
         """Lines of the tokens from `begin` to the last one consumed."""
         rows = self.lines[begin : max(self.at, begin + 1)]
-        return frozenset((self.name, row) for row in range(rows[0], rows[-1] + 1)) if rows else _NOWHERE
+        return frozenset((self.name, row) for row in range(rows[0], rows[-1] + 1)) if rows else NOWHERE
 
 
 def lined(name: str, text: str) -> Lined:
@@ -41,7 +39,7 @@ def lined(name: str, text: str) -> Lined:
         if text[at] == "!":
             at = text.find("\n", at) if "\n" in text[at:] else len(text)
             continue
-        if text[at] == "%" or (text[at] == "%" and "%%%" in text[at : at + 3]):
+        if text[at] == "%":
             at += 1
             continue
         one = RAPID.token.match(text, at)
@@ -118,7 +116,7 @@ class Program:
     def _valued(tree: Tree | None, where: frozenset[Place], kind: str, name: str) -> Callable[[Any], Value]:
         def value(machine: Any) -> Value:
             if tree is None:
-                return machine.outside(name, kind), _NOWHERE
+                return machine.outside(name, kind), NOWHERE
             value, src = machine.evaluate(tree, where)
             return value, src | where
 

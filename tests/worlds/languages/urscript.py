@@ -8,33 +8,34 @@ angles or to qnear.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.worlds.languages.arms import Array, cell, chain, placed
+from tests.worlds.languages.arms import Array, chain, placed
 from tests.worlds.languages.execution import (
     Branch,
     Do,
     Ended,
     Leave,
+    LineBlocks,
     Loop,
     Place,
-    Robot,
     Step,
     Ways,
     World,
+    first_word,
     run_steps,
     steps_of,
+    stop,
 )
 from tests.worlds.languages.expressions import UR, NotUnderstood, Tree, arithmetic
 from tests.worlds.languages.frames import inverted, of_vector, vector_of
+from tests.worlds.languages.machines import NOWHERE, Value, ValueMachine
 
-Value = tuple[Any, frozenset[Place]]
-_NOWHERE: frozenset[Place] = frozenset()
 _STILL = re.compile(
     r"(set_(standard|configurable|tool)_(digital|analog)_out|set_(digital|analog)_out|set_flag|set_gravity|set_payload"
     r"|set_payload_mass|set_payload_cog|set_target_payload|set_tool_voltage|textmsg|popup|sleep|sync|write_output_\w+"
@@ -100,33 +101,20 @@ def logical_lines(name: str, text: str) -> list[_Line]:
     return lines
 
 
-class Program:
+class Program(LineBlocks):
     """A parsed program: routines and global statements."""
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
         self.routines: dict[str, _Routine] = {}
         self.written: dict[str, set[Place]] = {}
         self._lines = logical_lines(main, files[main])
-        self._at = self._depth = 0
+        self._depth = 0
         self.last = ""
-        self.begin = steps_of(self._block(()))
+        self.begin = steps_of(self._block())
 
-    def _block(self, ends: tuple[str, ...]) -> list[Any]:
-        nodes: list[Any] = []
-        while self._at < len(self._lines):
-            line = self._lines[self._at]
-            word = re.match(r"\w*", line.text)[0]  # type: ignore[index]
-            if word in ends:
-                return nodes
-            self._at += 1
-            nodes += self._statement(line, word)
-        if ends:
-            raise NotUnderstood("a block has no end")
-        return nodes
-
-    def _statement(self, line: _Line, word: str) -> list[Any]:
+    def _statement(self, line: _Line) -> list[Any]:
         place = line.places[0]
-        match word:
+        match word := first_word(line.text).lower():
             case "def" | "thread" | "sec":
                 head = re.match(r"\w+\s+(\w+)\s*\(([^)]*)\)\s*:", line.text)
                 if not head:
@@ -134,30 +122,23 @@ class Program:
                 parameters = tuple(one.split("=")[0].strip() for one in head[2].split(",") if one.strip())
                 routine = self.routines[head[1]] = _Routine(parameters)
                 self._depth += 1
-                routine.steps = steps_of(self._block(("end",)))
+                routine.steps = steps_of(self._body("END")[0])
                 self._depth -= 1
-                self._at += 1
                 if not self._depth:
                     self.last = head[1]
                 if word == "thread":
                     self.routines.pop(head[1])
                 return []
             case "if":
-                bodies, otherwise, acts = [], False, [self._condition(line, "if")]
-                while True:
-                    bodies.append(self._block(("elif", "else", "elseif", "end")))
-                    closing = self._lines[self._at]
-                    self._at += 1
-                    if closing.text.startswith("end"):
-                        break
-                    if closing.text.startswith("else") and not closing.text.startswith("elseif"):
-                        otherwise = True
-                return [Branch(place, bodies, otherwise, acts[0])]
+                bodies, closings = [], [""]
+                while closings[-1] != "END":
+                    body, closing = self._body("ELIF", "ELSE", "ELSEIF", "END")
+                    bodies.append(body)
+                    closings.append(closing)
+                return [Branch(place, bodies, "ELSE" in closings, self._condition(line, "if"))]
             case "while":
-                act = self._condition(line, "while")
-                body = self._block(("end",))
-                self._at += 1
-                return [Loop(place, body, bool(re.match(r"while\s*\(?\s*True", line.text)), act)]
+                endless = bool(re.match(r"while\s*\(?\s*True", line.text))
+                return [Loop(place, self._body("END")[0], endless, self._condition(line, "while"))]
             case "break" | "continue":
                 return [Leave(place, word == "continue")]
             case "return":
@@ -165,7 +146,7 @@ class Program:
                 tree = UR.tree(UR.tokens(rest)) if rest else None
                 return [Do(place, lambda m: m.evaluate(tree, line) if tree else None, ends=True)]
             case "halt":
-                return [Do(place, _halt)]
+                return [Do(place, stop)]
             case "global" | "local":
                 return [self._do(line, line.text[len(word) :].strip())]
         return [self._do(line, line.text)]
@@ -188,36 +169,22 @@ class Program:
         return Do(line.places[0], lambda m: m.evaluate(tree, line))
 
 
-def _halt(_: Any) -> None:
-    raise Ended
-
-
-class Machine:
+class Machine(ValueMachine):
     """A controller that executes a program along one execution path."""
 
+    dialect = "ur"
+
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
-        self.program, self.world = program, world
-        self.robot = Robot("ur", cell("ur"), world, ways)
+        super().__init__(program, world, ways)
         stated = world.stated.get(("tool", "tcp"))
         self.tool = world.shift("tcp") if stated is None else stated
         self.shifted = np.eye(4)
-        self.scopes: list[dict[str, Value]] = [{}]
 
     def run(self) -> None:
         """Execute the program."""
         run_steps(self, self.program.begin)
         if not any(step.act for step in self.program.begin) and self.program.last:
-            self.call(self.program.last, [], None)
-
-    def call(self, name: str, values: Sequence[Value], _: _Line | None) -> Value:
-        """Call a routine of the program."""
-        routine = self.program.routines[name]
-        self.scopes.append(dict(zip(routine.parameters, values, strict=False)))
-        try:
-            value = run_steps(self, routine.steps, len(self.scopes))
-        finally:
-            self.scopes.pop()
-        return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
+            self.run_routine(self.program.last, {})
 
     def assign(self, target: Tree, value: Value, line: _Line) -> None:
         """Assign to a variable or an element."""
@@ -226,7 +193,7 @@ class Machine:
                 scope = self._scope(name)
                 scope[name] = (value[0], value[1] | scope.get(name, value)[1])
             case ("index", ("name", name), index):
-                old, src = self._read(name)
+                old, src = self.read(name)
                 k = int(self.evaluate(index, line)[0])
                 new = type(old)(old) if isinstance(old, list) else [0.0] * 6
                 new[k % len(new)] = value[0]
@@ -237,13 +204,12 @@ class Machine:
     def _scope(self, name: str) -> dict[str, Value]:
         return next((scope for scope in reversed(self.scopes) if name in scope), self.scopes[0])
 
-    def _read(self, name: str) -> Value:
-        for scope in reversed(self.scopes):
-            if name in scope:
-                return scope[name][0], scope[name][1] | self.program.written.get(name, set())
+    def read(self, name: str) -> Value:
+        if stored := self.stored(name, self.scopes[::-1]):
+            return stored
         if name in ("True", "False"):
-            return name == "True", _NOWHERE
-        return self._outside(name), _NOWHERE
+            return name == "True", NOWHERE
+        return self._outside(name), NOWHERE
 
     def _outside(self, name: str) -> Any:
         """A variable of the installation, with a kind determined by its name."""
@@ -252,42 +218,27 @@ class Machine:
             return as_pose(near @ self.world.shift(name) if "tcp" in name else near)
         return self.world.number(name)
 
-    def evaluate(self, tree: Tree, line: _Line) -> Value:
-        """A value and the lines of its numbers."""
-        here = frozenset(line.places)
+    def evaluate_own(self, tree: Tree, line: _Line) -> Value:
         match tree:
-            case ("number", value) | ("text", value):
-                return value, _NOWHERE
-            case ("name", name):
-                return self._read(name)
             case ("pose" | "list" as kind, items):
                 values = [self.evaluate(one, line) for one in items]
                 made = [value for value, _ in values]
-                src = here.union(*(src for _, src in values))
+                src = frozenset(line.places).union(*(src for _, src in values))
                 return (Pose(made) if kind == "pose" else made), src
-            case ("unary", operator, one):
-                value, src = self.evaluate(one, line)
-                if operator == "not":
-                    return not value, src
-                return (-value if operator == "-" else value), src
-            case ("binary", operator, one, other):
-                (a, src), (b, more) = self.evaluate(one, line), self.evaluate(other, line)
-                return self._binary(operator, a, b), src | more
             case ("index", one, index):
                 value, src = self.evaluate(one, line)
                 k = int(self.evaluate(index, line)[0])
                 return (value[k % len(value)] if isinstance(value, list) and value else 0.0), src
             case ("field", one, name):
-                return self.world.number(f"{one}.{name}"), _NOWHERE
+                return self.world.number(f"{one}.{name}"), NOWHERE
             case ("call", name, arguments):
                 values = [(key, self.evaluate(one, line)) for key, one in arguments]
                 return self._function(name, values, line)
             case ("method", handle, name, _):  # of a different program, which responds
-                return self.world.number(f"{handle}.{name}"), _NOWHERE
+                return self.world.number(f"{handle}.{name}"), NOWHERE
         raise NotUnderstood(str(tree))
 
-    @staticmethod
-    def _binary(operator: str, a: Any, b: Any) -> Any:
+    def binary(self, operator: str, a: Any, b: Any) -> Any:
         if isinstance(a, list) and isinstance(b, list) and operator in "+-":
             sign = 1 if operator == "+" else -1
             return type(a)(x + sign * y for x, y in zip(a, b, strict=False))
@@ -297,13 +248,14 @@ class Machine:
 
     def _function(self, name: str, values: list[tuple[str, Value]], line: _Line) -> Value:
         if name in self.program.routines:
-            return self.call(name, [value for _, value in values], line)
+            parameters = self.program.routines[name].parameters
+            return self.run_routine(name, dict(zip(parameters, (value for _, value in values), strict=False)))
         keyed = {key: value for key, value in values if key}
         plain = [value for key, value in values if not key]
         src = frozenset[Place]().union(*(value[1] for _, value in values))
         if name in ("movej", "movel", "movep", "movec", "servoj", "servoc", "optimovej", "optimovel"):
             self._move(name, keyed, plain, line)
-            return None, _NOWHERE
+            return None, NOWHERE
         first = plain[0][0] if plain else next(iter(keyed.values()))[0] if keyed else None
         match name:
             case "set_tcp":
