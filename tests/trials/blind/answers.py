@@ -10,14 +10,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Named:
-    """An effect of an answer; worth and odds are nan if they are not stated, parameters are (value, sd or nan)."""
+    """An effect of an answer; odds are nan if they are not stated, parameters are (value, sd or nan)."""
 
     name: str
     rivals: tuple[str, ...] = ()
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     posterior: float = math.nan
     stands: bool = True
-    worth_um: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,6 @@ def _named(effect: Mapping[str, Any]) -> Named:
     sizes = {
         key: (one["value"], math.nan if one["sd"] is None else one["sd"]) for key, one in effect["parameters"].items()
     }
-    odds, worth = (math.nan if effect.get(key) is None else effect[key] for key in ("posterior", "worth_um"))
+    odds = math.nan if effect.get("posterior") is None else effect["posterior"]
     rivals = tuple(rival["name"] for rival in effect.get("rivals") or ())
-    return Named(effect["name"], rivals, sizes, odds, effect.get("stands", True), worth)
+    return Named(effect["name"], rivals, sizes, odds, effect.get("stands", True))

@@ -22,7 +22,7 @@ def named(name: str, **more: Any) -> dict[str, Any]:
 
 
 PLAY = named("backlash 1", parameters={"width_deg": {"value": 0.505, "sd": 0.01}}, posterior=0.995)
-ZERO, LAG = named("joint_offset 5"), named("time_lag", posterior=0.97, worth_um=60.0)
+ZERO, LAG = named("joint_offset 5"), named("time_lag", posterior=0.97)
 
 
 def case(kind: str, answer: Any, *hidden: dict[str, Any], **more: Any) -> RealCase:

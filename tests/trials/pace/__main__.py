@@ -1,13 +1,11 @@
-"""rigd beside a plain loop of threads: how late stamps are, what is lost, what it costs; polling and a flood.
+"""rigd beside a plain loop of threads: how late stamps are, what is lost, what it costs.
 
-Two gauges stream beside RTDE at 500 Hz, at several rates; then two gauges on Modbus TCP are polled, beside RTDE and
-beside a controller that floods. The instruments run in a process of their own and note when each number was handed to
-the system. rigd and the plain loop take turns, so that a busy computer is as busy for both.
+Two gauges stream beside RTDE at 500 Hz, at several rates. The instruments run in a process of their own and note when
+each number was handed to the system. rigd and the plain loop take turns, so that a busy computer is as busy for both.
 """
 
 from __future__ import annotations
 
-import math
 import signal
 import subprocess
 import sys
@@ -15,7 +13,7 @@ import tempfile
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,27 +30,15 @@ from tests.trials.pace.pace_cell import STEP_DEG, numbers_of
 
 HERE = Path(__file__).parent
 RATES_HZ = (100, 1000, 4000, 12_000)
-LIMITS_HZ = (100.0, 500.0)
-"""A limit that a rig file may set, and that of one that sets none."""
-_NO_LIMIT_HZ = 1e6
 STREAMS = {"g1": "g1_mm", "g2": "g2_mm", "robot": "q1_deg"}
 """The streams of the cell, each with the column that shows its number."""
 _SLICE_NS = 500_000_000
 _BEFORE_S = 2.0
 _IN_TRANSIT_S = 0.5
 _MOST_WAITS = 6
-"""Gauges that are polled go on answering."""
 _HELD_UP_NS = 200_000
 """Writing a message takes some 10 µs; an instrument that takes longer was itself kept from running."""
-_STREAMED = {"interface": "micro_epsilon_ild1420", "range_mm": 10, "offset_mm": 25, "accuracy_mm": 0.01}
-_POLLED = {
-    "interface": "modbus_map",
-    "function": 4,
-    "address": 200,
-    "count": 2,
-    "value": {"address": 200, "type": "float32"},
-}
-_LINES = {"interface": "line_feed", "fields": ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7))]}
+_STREAMED = {"interface": "micro_epsilon_ild1420", "range_mm": 10, "accuracy_mm": 0.01}
 
 
 @dataclass
@@ -60,7 +46,7 @@ class Taken:
     """What a reader made of a cell.
 
     stamps_ns, values: of each stream, in order. sent_ns: of each number, before and after its sending. window_ns: the
-    time that counts. cpu: share of a core. shown_hz: the robot's rate in the status.
+    time that counts. cpu: share of a core.
     """
 
     stamps_ns: dict[str, np.ndarray]
@@ -69,7 +55,6 @@ class Taken:
     cpu: float
     sent_ns: dict[str, np.ndarray] = field(default_factory=dict)
     faults: Counter[str] = field(default_factory=Counter)
-    shown_hz: float = math.nan
 
     def numbers(self, stream: str) -> np.ndarray:
         values = self.values[stream]
@@ -97,30 +82,22 @@ class Taken:
         numbers = self.numbers(stream)
         return len(self.sent_ns[stream]) - int(numbers[0]) - len(np.unique(numbers))
 
-    def rate_hz(self, stream: str) -> float:
-        """Messages a second within the window."""
-        begin_ns, end_ns = self.window_ns
-        counted = np.count_nonzero((self.stamps_ns[stream] >= begin_ns) & (self.stamps_ns[stream] < end_ns))
-        return counted * 1e9 / (end_ns - begin_ns)
 
-
-def rig_text(gauge: Mapping[str, object], robot: Mapping[str, object] | None = None) -> str:
-    """A UR10e with two such gauges."""
+def rig_text() -> str:
+    """A UR10e with two gauges that stream."""
     data = yaml.safe_load(find("ur10e").read_text())
     data["gauges"] = {
-        "g1": {**gauge, "port": "tcp://127.0.0.1:1", "offset_mm": 25},
-        "g2": {**gauge, "port": "tcp://127.0.0.1:2", "offset_mm": -25},
+        name: {**_STREAMED, "port": f"tcp://127.0.0.1:{k}", "offset_mm": 75 - 50 * k}
+        for k, name in enumerate(("g1", "g2"), start=1)
     }
-    if robot:
-        data["feedback"] = {**robot, "port": "tcp://127.0.0.1:3"}
     return yaml.safe_dump(data)
 
 
 @contextmanager
-def cell(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+def cell(folder: Path, rate_hz: int) -> Iterator[subprocess.Popen[str]]:
     """The instruments; the rig file of the folder gets their ports."""
     rig = folder / "rig.yaml"
-    with _process(folder, sys.executable, HERE / "pace_cell.py", rig, folder / "sent.npz", *options) as process:
+    with _process(folder, sys.executable, HERE / "pace_cell.py", rig, folder / "sent.npz", rate_hz) as process:
         text = ""
         while not text.endswith("\0"):
             text += process.stdout.read(1)
@@ -151,7 +128,6 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
             client.ask("record_start", name="pace", test="repeatability")
         window_ns, cpu = _window(daemon.pid, seconds)
         with Client(folder / "rigd.sock") as client:  # another: rigd closes one that is silent for so long
-            shown_hz = client.ask("status")["streams"]["robot"]["rate_hz"]
             _stop(instruments)
             _settle(client)
             run = read_run(Path(client.ask("record_stop")["run"]))
@@ -161,7 +137,6 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
         window_ns,
         cpu,
         faults=Counter(str(fault["kind"]) for fault in run.faults if fault["at_ns"] < window_ns[1]),
-        shown_hz=shown_hz,
     )
 
 
@@ -229,64 +204,37 @@ def _tell(process: subprocess.Popen[str]) -> None:
 READERS = {"rigd": by_rigd, "plain loop": by_plain_loop}
 
 
-def measured(text: str, reader: str, seconds: float, *options: str) -> Taken:
+def measured(reader: str, seconds: float, rate_hz: int) -> Taken:
     """Let a reader take a cell of its own."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        (folder / "rig.yaml").write_text(text)
-        with cell(folder, *options) as instruments:
+        (folder / "rig.yaml").write_text(rig_text())
+        with cell(folder, rate_hz) as instruments:
             taken = READERS[reader](folder, instruments, seconds)
         with np.load(folder / "sent.npz") as sent:
             taken.sent_ns = {name: sent[name] for name in sent.files}
         return taken
 
 
-def streaming(rate_hz: int, seconds: float, turns: int) -> bool:
+def judged(case: tuple[int, float, int]) -> bool:
     """Print delay and cost of both readers at a rate; return whether rigd lost no sample."""
-    found = _in_turns(rig_text(_STREAMED), READERS, seconds, turns, "--rate", str(rate_hz))
+    rate_hz, seconds, turns = case
+    late = "  p50      p99    quiet    worst"
+    print(f"late by ms{'':12} {'gauges: ' + late:>35} {'robot: ' + late:>35} {'CPU':>7} {'lost':>7}")
+    found: dict[str, list[Taken]] = {reader: [] for reader in READERS}
+    for _ in range(turns):
+        for reader, taken in found.items():
+            taken.append(measured(reader, seconds, rate_hz))
     for reader, taken in found.items():
         gauges, robot = _late(taken, "g1", "g2"), _late(taken, "robot")
         cpu = 100 * float(np.median([of.cpu for of in taken]))
-        lost = sum(of.lost(name) for of in taken for name in STREAMS)
         told = ", ".join(f"{count} {kind}" for kind, count in sum((of.faults for of in taken), Counter()).items())
-        print(f"{rate_hz:6d} Hz  {reader:11} {gauges} {robot} {cpu:6.1f}% {lost:7d}  {told}", flush=True)
-    return not sum(of.lost(name) for of in found["rigd"] for name in STREAMS)
+        print(f"{rate_hz:6d} Hz  {reader:11} {gauges} {robot} {cpu:6.1f}% {_lost(taken):7d}  {told}", flush=True)
+    return not _lost(found["rigd"])
 
 
-def polling(seconds: float, turns: int) -> None:
-    """Print how often both readers poll two gauges on Modbus TCP: without a limit, at a limit, and beside a flood."""
-    beside_flood = {"rigd": READERS["rigd"]}
-    cells = [
-        *(
-            (
-                f"answered in {answer_ms} ms",
-                rig_text({**_POLLED, "rate_hz": _NO_LIMIT_HZ}),
-                READERS,
-                ("--answer-ms", answer_ms),
-            )
-            for answer_ms in ("0", "1")
-        ),
-        *(
-            (f"at most {hz:g} Hz{where}", rig_text({**_POLLED, "rate_hz": hz}, robot), beside_flood, options)
-            for where, robot, options in (("", None, ()), (", beside a flood", _LINES, ("--flood",)))
-            for hz in LIMITS_HZ
-        ),
-    ]
-    print(f"\n{'Modbus TCP, readings a second':57} {'g1':>9} {'g2':>9} {'robot':>9} {'as shown':>9} {'CPU':>7}")
-    for name, text, readers, options in cells:
-        for reader, taken in _in_turns(text, readers, seconds, turns, *options).items():
-            rates_hz = [float(np.median([of.rate_hz(stream) for of in taken])) for stream in STREAMS]
-            shown_hz, cpu = min(of.shown_hz for of in taken), 100 * float(np.median([of.cpu for of in taken]))
-            columns = " ".join(f"{value:9.1f}" for value in (*rates_hz, shown_hz))
-            print(f"{name:45} {reader:11} {columns} {cpu:6.1f}%", flush=True)
-
-
-def _in_turns(text: str, readers: Iterable[str], seconds: float, turns: int, *options: str) -> dict[str, list[Taken]]:
-    found: dict[str, list[Taken]] = {reader: [] for reader in readers}
-    for _ in range(turns):
-        for reader, taken in found.items():
-            taken.append(measured(text, reader, seconds, *options))
-    return found
+def _lost(taken: Sequence[Taken]) -> int:
+    return sum(of.lost(name) for of in taken for name in STREAMS)
 
 
 def _late(taken: Sequence[Taken], *streams: str) -> str:
@@ -301,19 +249,7 @@ def _late(taken: Sequence[Taken], *streams: str) -> str:
 
 
 def draw(given: Namespace) -> Iterator[tuple[int, float, int]]:
-    """Rates at which gauges stream, and 0 for gauges that are polled."""
     yield from ((rate, given.seconds, given.turns) for rate in given.rate)
-
-
-def judged(case: tuple[int, float, int]) -> bool:
-    """Compare rigd with a plain loop; whether rigd lost no sample."""
-    rate_hz, seconds, turns = case
-    if rate_hz:
-        late = "  p50      p99    quiet    worst"
-        print(f"late by ms{'':12} {'gauges: ' + late:>35} {'robot: ' + late:>35} {'CPU':>7} {'lost':>7}")
-        return streaming(rate_hz, seconds, turns)
-    polling(seconds, turns)
-    return True
 
 
 def report(whole: Sequence[bool]) -> str:
@@ -333,7 +269,7 @@ TRIAL = Trial(
     options={
         "SECONDS": (10.0, "how long each reader takes each cell, in each turn (10)"),
         "turns": (2, "how often they take turns (2)"),
-        "rate": ((*RATES_HZ, 0), "rates in Hz, 0 to poll (all)"),
+        "rate": (RATES_HZ, "rates in Hz (all)"),
     },
 )
 

@@ -1,9 +1,8 @@
 """The instruments of `pace`, in a process of their own: it notes when each message was handed to the system.
 
-    pace_cell.py RIG OUT [--rate HZ] [--answer-ms MS] [--flood]
+    pace_cell.py RIG OUT HZ
 
-Two ILD1420 on ptys that stream at `--rate`, or without it two gauges on Modbus TCP that answer; a controller
-that streams RTDE, or with `--flood` one that sends lines as fast as they are taken. Every reading is its own number.
+Two ILD1420 on ptys that stream at this rate, and a controller that streams RTDE. Every reading is its own number.
 The output begins with the rig file's text with the ports of this cell. A line of input ends the sending; then OUT has
 the instants of every number.
 """
@@ -14,15 +13,12 @@ import contextlib
 import os
 import select
 import socket
-import struct
 import sys
 import termios
 import threading
 import time
 import tty
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
@@ -37,8 +33,6 @@ SPAN = 64_000
 STEP_DEG = 1e-6
 _FIRST_CODE = 643
 _RANGE_MM = 10.0
-_LINES = 1000 * b"7,1.00000,2.00000,3.00000,4.00000,5.00000,6.00000\r\n"
-_ONE = struct.pack(">f", 1.0)
 _MOST_PAUSE_S = 0.05
 _MADE_UP_S = 0.1
 """A pty takes 9.7 kB at once (Linux 6.18), which is 0.27 s at 12 kHz."""
@@ -144,41 +138,6 @@ class Controller:
         self.sent_ns += [(before_ns, time.monotonic_ns())] * (self._count - len(self.sent_ns))
 
 
-class Answering:
-    """A gauge on Modbus TCP that answers each request after so long, with no more work than that takes."""
-
-    def __init__(self, answer_ms: float) -> None:
-        self._answer_s = answer_ms / 1e3
-        listener = socket.create_server(("127.0.0.1", 0))
-        self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-        threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
-
-    def _serve(self, listener: socket.socket) -> None:
-        while True:
-            connection, _ = listener.accept()
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            with contextlib.suppress(OSError):  # the reader has gone
-                while request := connection.recv(260):
-                    if self._answer_s:
-                        time.sleep(self._answer_s)
-                    connection.sendall(request[:4] + b"\0\7" + request[6:8] + b"\4" + _ONE)
-
-
-class Flooding:
-    """A program on a controller that prints lines as fast as they are taken."""
-
-    def __init__(self) -> None:
-        listener = socket.create_server(("127.0.0.1", 0))
-        self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-        threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
-
-    def _serve(self, listener: socket.socket) -> None:
-        connection, _ = listener.accept()
-        with contextlib.suppress(OSError):  # the reader has gone
-            while True:
-                connection.sendall(_LINES)
-
-
 def rig_text(rig: Path, ports: dict[str, str]) -> str:
     data = yaml.safe_load(rig.read_text())
     for name in ("g1", "g2"):
@@ -187,36 +146,20 @@ def rig_text(rig: Path, ports: dict[str, str]) -> str:
     return yaml.safe_dump(data)
 
 
-def _stopped() -> Iterator[bool]:
-    asked = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.readline(), asked.set()), daemon=True).start()
-    while True:
-        yield asked.is_set()
-
-
-def main(
-    rig: Path,
-    out: Path,
-    rate: Annotated[float, typer.Option(help="Readings a second of the gauges that stream.")] = 0.0,
-    answer_ms: Annotated[float, typer.Option(help="How long a gauge that is polled takes to answer.")] = 0.0,
-    flood: Annotated[bool, typer.Option("--flood")] = False,
-) -> None:
+def main(rig: Path, out: Path, rate_hz: float) -> None:
     """Serve the instruments until a line of input."""
-    gauges = {name: Streaming(rate) if rate else Answering(answer_ms) for name in ("g1", "g2")}
-    servers = {**gauges, "robot": Flooding() if flood else Controller()}
-    ports = {name: server.port for name, server in servers.items()}
-    print(rig_text(rig, ports), end="\0", flush=True)
-    noting = {name: server for name, server in servers.items() if isinstance(server, Streaming | Controller)}
-    for stopped in _stopped():
-        if stopped:
-            break
-        due_ns = min((server.act() for server in noting.values()), default=time.monotonic_ns() + 10_000_000)
+    gauges = {name: Streaming(rate_hz) for name in ("g1", "g2")}
+    servers = {**gauges, "robot": Controller()}
+    print(rig_text(rig, {name: server.port for name, server in servers.items()}), end="\0", flush=True)
+    stopped = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.readline(), stopped.set()), daemon=True).start()
+    while not stopped.is_set():
+        due_ns = min(server.act() for server in servers.values())
         time.sleep(min(_MOST_PAUSE_S, max(0, due_ns - time.monotonic_ns()) / 1e9))
     until_s = time.monotonic() + _MOST_PORT_S
-    streaming = [server for server in noting.values() if isinstance(server, Streaming)]
-    while any(server.hand_on() for server in streaming) and time.monotonic() < until_s:
+    while any(gauge.hand_on() for gauge in gauges.values()) and time.monotonic() < until_s:
         time.sleep(0.01)
-    np.savez(out, **{name: np.array(server.sent_ns) for name, server in noting.items()})
+    np.savez(out, **{name: np.array(server.sent_ns) for name, server in servers.items()})
     print("sent", flush=True)
     sys.stdin.readline()  # a pty that is closed loses what nobody has read yet
 

@@ -2,7 +2,7 @@
 
     plain_loop.py RIG OUT
 
-pyserial for the gauges that stream, pymodbus for those on Modbus TCP, a socket for RTDE. Each reading is stamped right
+pyserial for the gauges, a socket for RTDE. Each reading is stamped right
 after the read, decoded and kept in a list. A line of input ends it, and then OUT has what was kept.
 """
 
@@ -20,7 +20,6 @@ import numpy as np
 import serial
 import typer
 import yaml
-from pymodbus.client import ModbusTcpClient
 
 
 def stream_gauge(port: str, rows: list[tuple[float, ...]]) -> None:
@@ -42,20 +41,10 @@ def stream_gauge(port: str, rows: list[tuple[float, ...]]) -> None:
             rows.append((now_ns, (102 / 65520 * code - 1) / 100 * 10.0))
 
 
-def poll_gauge(port: str, rows: list[tuple[float, ...]]) -> None:
-    """A gauge on Modbus TCP, read as often as it answers."""
-    host, number = _address(port)
-    client = ModbusTcpClient(host, port=number)
-    client.connect()
-    while True:
-        answer = client.read_input_registers(200, count=2, device_id=1)
-        value = client.convert_from_registers(answer.registers, client.DATATYPE.FLOAT32)
-        rows.append((time.monotonic_ns(), value))
-
-
 def stream_robot(port: str, rows: list[tuple[float, ...]]) -> None:
     """RTDE at 500 Hz: the handshake, then six angles and the controller's clock in each packet."""
-    connection = socket.create_connection(_address(port))
+    host, number = port.removeprefix("tcp://").split(":")
+    connection = socket.create_connection((host, int(number)))
     connection.sendall(struct.pack(">HBH", 5, ord("V"), 2))
     connection.recv(64)
     fields = b"timestamp,actual_q"
@@ -77,19 +66,13 @@ def stream_robot(port: str, rows: list[tuple[float, ...]]) -> None:
             waiting = waiting[size:]
 
 
-def _address(port: str) -> tuple[str, int]:
-    host, number = port.removeprefix("tcp://").split(":")
-    return host, int(number)
-
-
 def main(rig: Path, out: Path) -> None:
     """Read until a line of input."""
     data = yaml.safe_load(rig.read_text())
     ports = {"g1": data["gauges"]["g1"]["port"], "g2": data["gauges"]["g2"]["port"], "robot": data["feedback"]["port"]}
     rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in ports}
     for name, port in ports.items():
-        gauge = poll_gauge if port.startswith("tcp://") else stream_gauge
-        read = stream_robot if name == "robot" else gauge
+        read = stream_robot if name == "robot" else stream_gauge
         threading.Thread(target=read, args=(port, rows[name]), daemon=True).start()
     print("reading", flush=True)
     sys.stdin.readline()

@@ -82,8 +82,8 @@ class Fault:
 @dataclass(frozen=True)
 class Truth:
     """True errors of an arm. soft (axes,): rad/Nm; waves: joint, order, amplitude (rad) and phase of each; play
-    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file; slip: joint
-    from 0, angle (rad) above which its link is displaced, and the displacement in rad, as after a slipped tooth.
+    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file; counts: of the
+    encoders per turn.
     """
 
     arm: Arm
@@ -92,7 +92,6 @@ class Truth:
     play: Array
     scatter_mm: float
     off: Constants
-    slip: tuple[int, float, float] | None = None
     counts: int = 0
 
     def reported(self, q: Array) -> Array:
@@ -105,9 +104,6 @@ class Truth:
         out = q + torque_nm(self.arm, q) * self.soft
         for joint, order, amplitude, phase in self.waves:
             out[:, joint] += amplitude * np.sin(order * q[:, joint] + phase)
-        if self.slip is not None:
-            joint, beyond, step = self.slip
-            out[:, joint] += np.where(q[:, joint] > beyond, step, 0.0)
         return out + self._lag(q, came_from)
 
     def _lag(self, q: Array, came_from: Array) -> Array:

@@ -20,7 +20,7 @@ from tests.worlds.chain import G_M_S2, link_frames
 class Stand:
     """A column with a height (mm), compliances (rad/Nm) about its soft and its stiff axis, and the angle (rad) of
     the soft axis from the x axis of the base. anchors: rad/Nm, about the foot; sag: mm/Nm of the moment about the
-    soft axis; firmer: relative increase of the stiffness at 200 Nm.
+    soft axis.
     """
 
     height_mm: float = 600.0
@@ -29,14 +29,12 @@ class Stand:
     turned: float = 0.0
     anchors: float = 0.0
     sag: float = 0.0
-    firmer: float = 0.0
 
     def moved(self, places: Array, moment: Array) -> Array:
         """Return places (n, 3) mm displaced by moments (n, 2) Nm about x and y at the top of the stand."""
         c, s = np.cos(self.turned), np.sin(self.turned)
         axes = np.array([[c, s, 0.0], [-s, c, 0.0]])
         about = moment @ axes[:, :2].T
-        about = about / (1 + self.firmer * np.linalg.norm(about, axis=1, keepdims=True) / 200)
         bent = (about * [self.soft, self.stiff]) @ axes
         tipped = self.anchors * about @ axes
         up = np.array([0.0, 0.0, 1.0])

@@ -66,10 +66,10 @@ def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
 # --- tables of targets
 
 
-def hemisphere(visits: int = 1) -> RadialTable:
+def hemisphere() -> RadialTable:
     """37 targets in steps of 30° with three orientations, without readings."""
     places = [(0.0, 0.0)] + [(polar, azimuth) for polar in (30.0, 60.0, 90.0) for azimuth in range(0, 360, 30)]
-    rows = [(k + 1, *place, o) for k, place in enumerate(places) for o in (1, 2, 3) for _ in range(visits)]
+    rows = [(k + 1, *place, o) for k, place in enumerate(places) for o in (1, 2, 3)]
     target, polar, azimuth, orientation = (np.array(column) for column in zip(*rows, strict=True))
     zeros = np.zeros(len(rows))
     return RadialTable(

@@ -57,12 +57,12 @@ def _form(contact: Array, faults: list[Fault]) -> Array:
     return total
 
 
-def own_errors(g: Array, t: Array, faults: list[Fault], phases: dict[str, float]) -> Array:
-    """Return readings (n, k) with the errors of gauges, stand and plungers. phases: of vibrations, by run."""
+def own_errors(g: Array, t: Array, faults: list[Fault], phase_rad: float) -> Array:
+    """Return readings (n, k) with the errors of gauges, stand and plungers. phase_rad: of vibrations in this run."""
     g = g.copy()
     for fault in faults:
         if fault.effect == "vibration":
-            phase = np.radians(fault.shape["phase_deg"]) + phases.get("vibration", 0.0)
+            phase = np.radians(fault.shape["phase_deg"]) + phase_rad
             beat = 1 + 0.3 * fault.rough * np.sin(2 * np.pi * t / 3.0)
             g += (fault.size * beat * np.sin(2 * np.pi * fault.shape["frequency_hz"] * t + phase))[:, None]
         elif fault.effect == "link_growth":  # a longer bar is closer to the ball

@@ -26,7 +26,6 @@ def measure(
     faults: Sequence[Fault],
     link: Link,
     scatter: Array | None = None,
-    phases: dict[str, float] | None = None,
     trace: Trace | None = None,
 ) -> Array:
     """Return readings (m, k) mm at the rows of a motion. scatter (6,) rad: joint errors of this run.
@@ -34,22 +33,16 @@ def measure(
     The place of the motion is that of the rig file, so its radius is the link length.
     """
     tool = tool_of(cell, motion, faults, trace or trace_of(cell, motion), scatter)
-    return read(motion, faults, link, tool, phases)
+    return read(motion, faults, link, tool)
 
 
-def read(
-    motion: Motion,
-    faults: Sequence[Fault],
-    link: Link,
-    tool: tuple[Posed, Array],
-    phases: dict[str, float] | None = None,
-) -> Array:
+def read(motion: Motion, faults: Sequence[Fault], link: Link, tool: tuple[Posed, Array]) -> Array:
     """Return readings like `measure` for tool positions computed by `tool_of`, which take most of the time and are
     independent of the ball.
     """
     faults = list(faults)
     g = raw_readings(*tool, link, motion.test, motion.place, faults)
-    g = own_errors(g, motion.t, faults, phases or {})
+    g = own_errors(g, motion.t, faults, 0.0)
     return _stamped(g, motion, faults)
 
 

@@ -122,31 +122,22 @@ def _target_frame(place: Hemisphere, polar: float, azimuth: float, tilt: float) 
 
 @dataclass(frozen=True)
 class Link:
-    """The set-up: ball (3,) mm in the base frame; zeros (2,) mm of the gauges; errors of the link: ball form (lobes,
-    amplitude mm, phase rad), baseline mm, scale (2,).
-    """
+    """The set-up: ball (3,) mm in the base frame, and zeros (2,) mm of the gauges."""
 
     ball: Array
     zeros: Array
-    lobes: int = 0
-    form_mm: float = 0.0
-    form_phase: float = 0.0
-    baseline_mm: float = 0.0
-    scale: Array = field(default_factory=lambda: np.zeros(2))
 
 
-def gauge_readings(tool: Array, link: Link, radius: float, test: str, circle: Circle) -> Array:
+def gauge_readings(tool: Array, link: Link, radius: float, test: str) -> Array:
     """Return gauge readings (n, 2) mm for tools (n, 4, 4), or (n, 1) for the radial test."""
     way = link.ball - tool[:, :3, 3]
     distance = np.linalg.norm(way, axis=1)
     line = way / distance[:, None]
-    u, v, _ = circle.basis()
-    contact = np.arctan2(-line @ v, -line @ u)
-    s = distance - radius + link.form_mm * np.sin(link.lobes * contact + link.form_phase)
+    s = distance - radius
     if test == "radial":
-        return (s - link.zeros[0])[:, None] * (1 + link.scale[:1])
+        return (s - link.zeros[0])[:, None]
     across = tool[:, :3, 1 if test == "yaw" else 0]
-    half = (BASELINE_MM + link.baseline_mm) / 2
+    half = BASELINE_MM / 2
     to_e, to_z = np.einsum("ni,ni->n", line, across), np.einsum("ni,ni->n", line, tool[:, :3, 2])
     g: Array = (s[:, None] - to_e[:, None] * np.array([half, -half])) / to_z[:, None]
-    return np.asarray((g - link.zeros) * (1 + link.scale), dtype=np.float64)
+    return np.asarray(g - link.zeros, dtype=np.float64)

@@ -209,6 +209,10 @@ class Cell:
         return found
 
 
+Planned = list[tuple[str, str, str, Motion]]
+"""Name, test, direction and motion of each run, in order of time."""
+
+
 @cache
 def nominal_arm(name: str, test: str) -> Arm:
     """Nominal arm of a cell; with the ball link it carries 2 kg."""
@@ -231,10 +235,9 @@ def draw_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(arm.low, arm.high, (count, arm.axes))
 
 
-def circle_motions(tests: Sequence[str]) -> list[tuple[str, str, str, Motion]]:
-    """Return name, test, direction and motion of each ball link run, in order of time."""
+def circle_motions(tests: Sequence[str]) -> Planned:
     path, targets = ball_paths()
-    found: list[tuple[str, str, str, Motion]] = []
+    found: Planned = []
     for test in tests:
         if test == "radial":
             found.append(("radial", "radial", "", stops(targets.q, len(found) * RUN_APART_S)))
@@ -269,8 +272,7 @@ def touch_postures(arm: Arm, places: Array, rng: np.random.Generator, tilt: floa
     return np.array(found)
 
 
-def motions(cell: Cell) -> list[tuple[str, str, str, Motion]]:
-    """Return name, test, direction and motion of each run of a cell."""
+def motions(cell: Cell) -> Planned:
     rng = np.random.default_rng([cell.seed, 1])
     arm = cell.nominal
     if cell.test == "circle":
@@ -374,7 +376,7 @@ def true_gauges(cell: Cell, test: str, motion: Motion, deviation: Deviation) -> 
         tool[:, :3, 3] = point(flange, TOOL[:3, 3] + cell.target + deviation.tool)
     place = Hemisphere() if test == "radial" else Circle()
     link = replace(cell.link, ball=cell.link.ball + place.centre)
-    g = gauge_readings(tool, link, place.radius, test, Circle())
+    g = gauge_readings(tool, link, place.radius, test)
     return g + deviation.gauge[:, : g.shape[1]]
 
 
@@ -391,7 +393,7 @@ def _wander(rng: np.random.Generator, t: Array, size: float) -> Array:
 # --- unexplained part of a cause
 
 
-def seen_without_noise(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+def seen_without_noise(cell: Cell, planned: Planned) -> Array:
     """All readings as one column (n,) mm: gauges, target positions, or positions of the pointer's ball."""
     found = []
     for _, test, _, motion in planned:
@@ -411,7 +413,7 @@ class Sight:
     """Readings that constants and set-up of a cell can imitate: an orthonormal basis (n, p)."""
 
     cell: Cell
-    planned: Sequence[tuple[str, str, str, Motion]]
+    planned: Planned
     without: Array
     basis: Array
     healthy_um: float
@@ -438,20 +440,12 @@ def sight_of(cell: Cell) -> Sight:
     return Sight(cell, planned, without, basis, 1e3 * float(np.sqrt(np.mean(healthy**2))))
 
 
-def size_beside_setup_um(cell: Cell, sound: Cell) -> float:
-    """Rms (µm) difference between the readings of a cell and of a sound one, after fitting the set-up."""
-    planned = motions(sound)
-    change = seen_without_noise(cell, planned) - seen_without_noise(sound, planned)
-    basis = _orthonormal(_by_setup(sound, planned))
-    return 1e3 * float(np.sqrt(np.mean((change - basis @ (basis.T @ change)) ** 2)))
-
-
 def _orthonormal(A: Array) -> Array:
     U, sizes, _ = np.linalg.svd(A, full_matrices=False)
     return U[:, sizes > 1e-9 * sizes[0]]
 
 
-def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+def _by_constants(cell: Cell, planned: Planned) -> Array:
     """Derivatives (n, p) of all readings by the constants of the arm."""
     changed = []
     for name, step in (("a", 0.01), ("alpha", 1e-5), ("d", 0.01), ("zero", 1e-5)):
@@ -462,7 +456,7 @@ def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -
     return _derivatives(cell, changed, planned)
 
 
-def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+def _by_setup(cell: Cell, planned: Planned) -> Array:
     """Derivatives (n, p) of all readings by the fitted parameters of the set-up."""
     changed = []
     for k in range(3):
@@ -474,7 +468,7 @@ def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Ar
     return np.concatenate([_derivatives(cell, changed, planned), _by_run(cell, planned)], axis=1)
 
 
-def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Planned) -> Array:
     """Normalised change (n, p) of all readings for each small change, omitting changes without effect."""
     begin = seen_without_noise(cell, planned)
     found = np.stack([seen_without_noise(one, planned) - begin for one in changed], axis=1)
@@ -482,7 +476,7 @@ def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[st
     return np.asarray(found[:, sizes > 1e-7] / sizes[sizes > 1e-7])
 
 
-def _by_run(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+def _by_run(cell: Cell, planned: Planned) -> Array:
     """Possible shifts (n, p) by each socket, or by the set-up of each ball link test."""
     if cell.test == "touch":
         socket = np.arange(TOUCHES) % 2
@@ -569,6 +563,18 @@ def draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) ->
         target=target,
         frame=frame if test == "pose" else np.eye(4),
     )
+
+
+def draw_geared(seed: int) -> Cell:
+    """Draw a UR10e whose gear of axis 6, which makes a full turn on the circle, has one to four waves per turn of
+    0.005 to 0.03 degrees (strain-wave gears, CSF: 0.3 to 1.8 arcmin), measured by yaw only.
+    """
+    rng = np.random.default_rng([seed, 10])
+    known, noise = draw_known(rng, 6, rich=False), draw_noise(rng, "circle")
+    link = Link(ball=rng.normal(0, 0.4, 3), zeros=rng.normal(0, 0.02, 2))
+    order, size = int(rng.integers(1, 5)), np.radians(log_uniform(rng, 0.005, 0.03))
+    known = replace(known, gear=(6, order, size, rng.uniform(0, 2 * np.pi)))
+    return Cell("ur10e", "circle", known, None, noise, seed, link, tests=("yaw",))
 
 
 def noise_um(cell: Cell) -> float:

@@ -297,7 +297,7 @@ def write_readings(
         ball = ball - noises.stop_scatter(levels, noise.tail_df, made.motion.labels["target"], rng)
     g = g + np.einsum("mkj,mj->mk", by_joint, joints) + np.einsum("mkj,mj->mk", by_ball, ball)
     own = [fault for fault in faults if fault.effect in BY_RUN]
-    g = own_errors(g, t, own, {"vibration": float(rng.uniform(0, 2 * np.pi))})
+    g = own_errors(g, t, own, float(rng.uniform(0, 2 * np.pi)))
     g = g + noises.slow_noise(levels, run.number, t, made.t_s[-1], rng)
     g = g + levels.white_mm[run.number] * reading.standard_normal(g.shape)
     g = g + noises.wild(noise, levels.white_mm[run.number], len(t), reading)
