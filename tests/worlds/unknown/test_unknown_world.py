@@ -71,20 +71,23 @@ def test_a_memory_remembers_and_a_posture_does_not():
 
 @pytest.fixture(params=["ur10e circle", "ur10e touch", "elbow pose", "seven pose"])
 def perfect(request):
+    """Perfect cells; poses have a tracker with noise, since rig refuses places that a controller computed."""
     arm_name, test = request.param.split()
-    known = no_known(nominal_arm(arm_name, test).axes)
-    cell = replace(draw_cell(0).sound(), arm_name=arm_name, test=test, known=known, noise=QUIET)
-    return replace(cell, target=np.zeros(3), frame=np.eye(4))
+    cell = replace(draw_cell(0).sound(), arm_name=arm_name, known=no_known(nominal_arm(arm_name, test).axes))
+    if test == "pose":
+        return replace(cell, noise=replace(QUIET, reading_mm=0.01))
+    return replace(cell, test=test, noise=QUIET, target=np.zeros(3), frame=np.eye(4))
 
 
 def test_rig_reads_a_perfect_cell_without_a_residual(perfect, tmp_path):
     """The only test with rig: frames, signs and units agree. Tables are rounded to 0.1 µm."""
     from analysis import compare, read_table  # noqa: PLC0415
 
+    largest_mm = 6 * perfect.noise.reading_mm + 5e-4
     for path, test, direction in write_cell(perfect, tmp_path):
         found = compare([read_table(path, tmp_path / "cell.yaml", test, direction or None)])
         for run in found.runs:
-            assert np.abs(run.residuals_mm).max() < 5e-4
+            assert np.abs(run.residuals_mm).max() < largest_mm
         for pose in found.poses:
-            assert pose.largest_um < 0.5
+            assert pose.largest_um < 1e3 * largest_mm
         assert found.runs or found.poses
