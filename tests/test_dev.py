@@ -73,13 +73,13 @@ def test_mutants_change_computing_code_and_stay_valid():
         (5, "constant changed", "0", "1"),
         (5, "constant changed", "True", "False"),
         (7, "condition negated", "at < LIMIT", "(not (at < LIMIT))"),
-        (7, "comparison flipped", "<", ">="),
+        (7, "comparison flipped", "at < LIMIT", "at >= LIMIT"),
         (8, "return removed", "return LIMIT * (at + 1)", "return None"),
-        (8, "operator swapped", "*", "/"),
-        (8, "operator swapped", "+", "-"),
+        (8, "operator swapped", "LIMIT * (at + 1)", "LIMIT / (at + 1)"),
+        (8, "operator swapped", "at + 1", "at - 1"),
         (8, "constant changed", "1", "2"),
-        (9, "condition negated", '"é" not in "x" and is_on', '(not ("é" not in "x" and is_on))'),
-        (9, "comparison flipped", "not in", "in"),
+        (9, "condition negated", '"é" not in "x" and is_on', "(not ('é' not in 'x' and is_on))"),
+        (9, "comparison flipped", '"é" not in "x"', "'é' in 'x'"),
     }
     for one in mutants_of(CODE, "rigs/it.py"):
         changed = one.applied(CODE)

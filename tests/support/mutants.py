@@ -7,17 +7,15 @@ import random
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 PACKAGES = ("daq", "analysis", "rigs")
-_COMPARED: dict[type[ast.cmpop], str] = {
-    ast.Lt: ">=", ast.LtE: ">", ast.Gt: "<=", ast.GtE: "<", ast.Eq: "!=", ast.NotEq: "==",
-    ast.Is: "is not", ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in",
-}  # fmt: skip
-_COMPUTED: dict[type[ast.operator], str] = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
-_SIGNS: dict[type[ast.AST], str] = {
-    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.Is: "is",
-    ast.IsNot: "is not", ast.In: "in", ast.NotIn: "not in", ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/",
+_OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
 }  # fmt: skip
 
 
@@ -62,10 +60,17 @@ def drawn(root: Path, count: int, seed: int) -> list[Mutant]:
 
 def mutants_of(text: str, path: str) -> list[Mutant]:
     """All mutants of a file: changes of computations in functions and of named constants."""
-    source, tree = _Source(text, path), ast.parse(text)
+    lines = text.splitlines(keepends=True)
+    starts = [0, *accumulate(map(len, lines))]
+
+    def place(line: int, byte: int) -> int:
+        return starts[line - 1] + len(lines[line - 1].encode()[:byte].decode())
+
     found = []
-    for node in _code(tree):
-        found += _mutants(source, node)
+    for node in _code(ast.parse(text)):
+        for part, after, kind in _changes(node):
+            begin, end = place(part.lineno, part.col_offset), place(part.end_lineno, part.end_col_offset)
+            found.append(Mutant(path, part.lineno, begin, text[begin:end], after, kind))
     return found
 
 
@@ -80,73 +85,31 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
                 yield from _code(child)
 
 
-class _Source:
-    """The text of a file with the character positions of its nodes."""
-
-    def __init__(self, text: str, path: str) -> None:
-        self.text, self.path = text, path
-        self._lines = [0]
-        for line in text.splitlines(keepends=True):
-            self._lines.append(self._lines[-1] + len(line))
-        self._bytes = [line.encode() for line in text.splitlines()]
-
-    def begin(self, node: ast.expr | ast.stmt) -> int:
-        return self._at(node.lineno, node.col_offset)
-
-    def end(self, node: ast.expr | ast.stmt) -> int:
-        return self._at(node.end_lineno or 0, node.end_col_offset or 0)
-
-    def _at(self, line: int, byte: int) -> int:
-        return self._lines[line - 1] + len(self._bytes[line - 1][:byte].decode())
-
-    def mutant(self, node: ast.expr | ast.stmt, after: str, kind: str) -> Mutant:
-        begin, end = self.begin(node), self.end(node)
-        return Mutant(self.path, node.lineno, begin, self.text[begin:end], after, kind)
-
-    def sign(self, left: ast.expr, right: ast.expr, before: str, after: str, kind: str) -> Iterator[Mutant]:
-        """Mutant of an operator between two nodes, if only brackets surround it."""
-        begin = self.end(left)
-        between = self.text[begin : self.begin(right)]
-        pattern = r"\s+".join(map(re.escape, before.split()))
-        signs = list(re.finditer(pattern, between))
-        if len(signs) == 1 and "#" not in between:
-            at, sign = begin + signs[0].start(), signs[0].group()
-            yield Mutant(self.path, self.text.count("\n", 0, at) + 1, at, sign, after, kind)
+def _changes(node: ast.AST) -> Iterator[tuple[Any, str, str]]:
+    """Nodes to replace, each with its new text and the kind of change."""
+    match node:
+        case ast.Compare(ops=[sign]) if type(sign) in _OPPOSITE:
+            yield node, _with(node, ops=[_OPPOSITE[type(sign)]()]), "comparison flipped"
+        case ast.BinOp(op=sign) if type(sign) in _OPPOSITE and not (_is_text(node.left) or _is_text(node.right)):
+            yield node, _with(node, op=_OPPOSITE[type(sign)]()), "operator swapped"
+        case ast.Constant(value=bool(value)):
+            yield node, repr(not value), "constant changed"
+        case ast.Constant(value=int(value) | float(value)):
+            yield node, repr(value + 1 if value in (0, 1) else 2 * value), "constant changed"
+        case ast.Return(value=ast.expr() as value) if not (isinstance(value, ast.Constant) and value.value is None):
+            yield node, "return None", "return removed"
+        case ast.If(test=test) | ast.While(test=test) | ast.IfExp(test=test):
+            if not (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"):
+                yield test, f"(not ({ast.unparse(test)}))", "condition negated"
 
 
-def _mutants(source: _Source, node: ast.AST) -> Iterator[Mutant]:
-    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARED:
-        sign = type(node.ops[0])
-        yield from source.sign(node.left, node.comparators[0], _SIGNS[sign], _COMPARED[sign], "comparison flipped")
-    elif isinstance(node, ast.BinOp) and type(node.op) in _COMPUTED and not _is_text(node):
-        computed = type(node.op)
-        yield from source.sign(node.left, node.right, _SIGNS[computed], _COMPUTED[computed], "operator swapped")
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        yield source.mutant(node, repr(node.value + 1 if node.value in (0, 1) else 2 * node.value), "constant changed")
-    elif isinstance(node, ast.Constant) and type(node.value) is bool:
-        yield source.mutant(node, repr(not node.value), "constant changed")
-    elif isinstance(node, ast.Return) and node.value is not None and not _is_none(node.value):
-        yield source.mutant(node, "return None", "return removed")
-    elif isinstance(node, ast.If | ast.While | ast.IfExp) and not _is_of_types(node.test):
-        begin, end = source.begin(node.test), source.end(node.test)
-        text = source.text[begin:end]
-        yield Mutant(source.path, node.test.lineno, begin, text, f"(not ({text}))", "condition negated")
+def _with(node: ast.AST, **changed: Any) -> str:
+    """Text of an expression with some of its parts changed."""
+    return ast.unparse(type(node)(**dict(ast.iter_fields(node)) | changed))
 
 
-def _is_text(node: ast.BinOp) -> bool:
-    return any(isinstance(one, ast.JoinedStr) or _is_str(one) for one in (node.left, node.right))
-
-
-def _is_str(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
-
-
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-def _is_of_types(node: ast.expr) -> bool:
-    return isinstance(node, ast.Name) and node.id == "TYPE_CHECKING"
+def _is_text(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
 def files_for(root: Path, path: str) -> list[str]:
