@@ -24,7 +24,7 @@ from analysis.runs.tables import PathTable, PoseTable
 from rigs.arms import load_arm
 from tests.support.command_line import ran
 from tests.support.foreign_tables import TABLES, Poses, members
-from tests.worlds.arms.independent_arm import Constants, flange, healthy
+from tests.worlds.arms.independent_arm import Constants, constants_from, flange, healthy
 
 Array = NDArray[np.float64]
 Outcome = Literal[
@@ -84,11 +84,7 @@ def drawn_tables() -> dict[str, Drawn]:
 
 def constants(arm: str) -> Constants:
     """Constants of a library arm for the independent kinematics."""
-    robot = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]
-    keys = ("a_mm", "alpha_deg", "d_mm", "offset_deg")
-    a, alpha, d, offset = (np.array([float(axis.get(key, 0.0)) for axis in robot["axes"]]) for key in keys)
-    coupling = np.array(robot.get("coupling", np.eye(6)), dtype=float)
-    return Constants(a, np.radians(alpha), d, np.radians(offset), coupling)
+    return constants_from(yaml.safe_load(load_arm(arm).text)["robot"])
 
 
 def _postures(arm: str, count: int, rng: np.random.Generator) -> Array:

@@ -19,7 +19,7 @@ from analysis.movement.evidence import condition
 from analysis.movement.inference import compare, study
 from rigs.errors import FileError
 from tests.support.command_line import ran
-from tests.support.moved_cell import Case, label, observed
+from tests.support.moved_cell import Case, label, observed, write_touches
 from tests.worlds import moved as world
 
 SCATTER_MM = 0.05
@@ -129,7 +129,7 @@ def test_evidence_prefers_the_right_scatter():
 def test_zero_moved_between_runs_is_reported_and_the_shorter_run_ignored(tmp_path):
     drawn = case("zero 3")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
-    runs = [load_run(tmp_path / name) for name in ("before", "after")]
+    runs = [load_run(tmp_path / "runs" / name) for name in ("before", "after")]
     sound, (movement,), _ = without_moved(runs[0].rig, runs)
     assert [run.run.manifest.name for run in sound] == ["before"]
     said = movement.to_dict()
@@ -141,17 +141,13 @@ def test_zero_moved_between_runs_is_reported_and_the_shorter_run_ignored(tmp_pat
 def _write_runs(to: Path, drawn: Case, tables: dict[str, tuple[list[str], np.ndarray]]) -> None:
     (to / "cell.yaml").write_text(drawn.rig_text, encoding="utf-8")
     for name, (sockets, q) in tables.items():
-        head = ",".join(["socket", *(f"q{k}_deg" for k in range(1, 7))])
-        rows = [",".join([s, *(f"{a:.6f}" for a in np.degrees(row))]) for s, row in zip(sockets, q, strict=True)]
-        (to / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
-        words = ["import", str(to / f"{name}.csv"), "--rig", str(to / "cell.yaml"), "--test", "touch"]
-        assert ran(*words, "-o", to / name).returncode == 0
+        write_touches(to, name, sockets, q)
 
 
 def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path):
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
-    summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
+    summary = summarise(diagnose([tmp_path / "runs/before", tmp_path / "runs/after"]))
     assert keys_of(summary.badge) == ("badge_moved",)
     assert keys_of(summary.headline)[0] == "moved_between" and summary.headline.startswith("The base or the plate ")
     assert "check_act_base_or_plate" in keys_of(summary.next)
@@ -161,7 +157,7 @@ def test_command_names_the_moved_part(tmp_path):
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)})
     page = tmp_path / "moved.html"
-    words = ["moved", str(tmp_path / "before"), "--new", str(tmp_path / "after")]
+    words = ["moved", str(tmp_path / "runs/before"), "--new", str(tmp_path / "runs/after")]
     done = ran(*words, "-o", page)
     assert done.returncode == 0
     assert done.stdout.splitlines()[0].split(".")[0] in page.read_text(encoding="utf-8")
@@ -171,4 +167,4 @@ def test_command_names_the_moved_part(tmp_path):
     tables = ["moved", str(tmp_path / "before.csv"), "--new", str(tmp_path / "after.csv"), "--json"]
     of_tables = json.loads(ran(*tables, "--rig", tmp_path / "cell.yaml").stdout)
     assert of_tables["causes"] == said["causes"]
-    assert ran("moved", tmp_path / "before", "--plan").stdout.count("Next: touch socket") == 1
+    assert ran("moved", tmp_path / "runs/before", "--plan").stdout.count("Next: touch socket") == 1

@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from tests.support.measured_series import UR5, jacobi, ur10
@@ -132,10 +131,9 @@ def simulated_splits(seed: int, size: Size) -> Iterator[Split]:
     """Tasks of arms with joint curves, long and short calibrations of one arm and the same poses asked."""
     for number in range(1, size.arms + 1):
         rng = np.random.default_rng([seed, number])
-        nominal = soft_arm.nominal("ur10")
-        q, xyz = soft_arm.seen(soft_arm.wrong(nominal, rng), rng, size.many + size.asked, 0)
+        q, xyz = soft_arm.seen(soft_arm.wrong(soft_arm.nominal("ur10"), rng), rng, size.many + size.asked, 0)
         poses = Poses(q, xyz, np.full(len(q), "tracker"))
-        arm = PlainArm(nominal.a, nominal.alpha, nominal.d, nominal.offset, nominal.mass[:6], nominal.centre[:6])
+        arm = arm_of_rig("ur10")
         at = np.arange(len(q))
         for what, count in (("", size.many), ("-few", size.few)):
             task = Task(f"curves{what}-{number}", "poses", f"arms with joint curves, {count} poses", "drawn")
@@ -194,16 +192,8 @@ def joined(one: Poses, other: Poses) -> Poses:
 
 def arm_of_rig(name: str) -> PlainArm:
     """Nominal arm of a shipped rig file."""
-    text = (Path(__file__).parents[3] / "rigs" / f"{name}.yaml").read_text(encoding="utf-8")
-    axes = yaml.safe_load(text)["robot"]["axes"]
-
-    def of(key: str) -> Array:
-        return np.array([axis.get(key, 0.0) for axis in axes], dtype=float)
-
-    centre = np.array([axis.get("centre_mm", (0, 0, 0)) for axis in axes], dtype=float)
-    return PlainArm(
-        of("a_mm"), np.radians(of("alpha_deg")), of("d_mm"), np.radians(of("offset_deg")), of("mass_kg"), centre
-    )
+    arm = soft_arm.nominal(name)
+    return PlainArm(arm.a, arm.alpha, arm.d, arm.offset, arm.mass[:6], arm.centre[:6])
 
 
 def poses_of(placement: str, q: Array, xyz_mm: Array) -> Poses:

@@ -15,7 +15,7 @@ from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.kinematics.newton import newton
 from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
-from tests.worlds.arms.independent_arm import Array, Constants, Wrong, flange
+from tests.worlds.arms.independent_arm import Array, Wrong, constants_from, flange, none
 
 _ZERO_3_DEG, _ZERO_5_DEG, _A2_MM, _GEAR_DEG = 0.05, -0.03, 0.4, 0.02
 
@@ -41,7 +41,7 @@ def known(rig: Rig) -> Rig:
 
 def hidden() -> Wrong:
     """Hidden errors in the notation of the independent arm."""
-    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    wrong = none()
     wrong.offset[[2, 4]] = np.radians([_ZERO_3_DEG, _ZERO_5_DEG])
     wrong.a[2] = _A2_MM
     wrong.sine[0, 1] = np.radians(_GEAR_DEG)
@@ -52,19 +52,8 @@ def flange_at(rig: Rig, q: Array, wrong: Wrong | None = None) -> Array:
     """Frame (4, 4) in mm of the flange in the base at joint angles q (6,) rad, of the nominal or an
     erroneous arm.
     """
-    axes = rig.robot.axes
-    constants = Constants(
-        np.array([axis.a_mm for axis in axes]),
-        np.radians([axis.alpha_deg for axis in axes]),
-        np.array([axis.d_mm for axis in axes]),
-        np.radians([axis.offset_deg for axis in axes]),
-        np.array(rig.robot.coupling),
-    )
-    right = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
-    R, p = flange(constants, wrong or right, q[None])
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R[0], p[0]
-    return T
+    R, p = flange(constants_from(rig.robot.model_dump()), wrong or none(), q[None])
+    return frame(p[0], Rotation.from_matrix(R[0]))
 
 
 def joints_of(rig: Rig, T: Array, near: Array) -> Array:

@@ -6,9 +6,11 @@ gear waves of orders 1 and 2) and optionally large errors of the zeros or of all
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -49,17 +51,17 @@ class Wrong:
     cosine: Array
 
 
+def constants_from(robot: Mapping[str, Any]) -> Constants:
+    """Constants of the section `robot` of a rig file."""
+    keys = ("a_mm", "alpha_deg", "d_mm", "offset_deg")
+    a, alpha, d, offset = np.array([[axis.get(key, 0.0) for key in keys] for axis in robot["axes"]], dtype=float).T
+    coupling = np.array(robot.get("coupling", np.eye(6)), dtype=float)
+    return Constants(a, np.radians(alpha), d, np.radians(offset), coupling)
+
+
 @cache
 def constants_of(name: str) -> Constants:
-    robot = yaml.safe_load((RIGS / f"{name}.yaml").read_text(encoding="utf-8"))["robot"]
-    value = {
-        key: np.array([axis.get(key, 0.0) for axis in robot["axes"]], dtype=float)
-        for key in ("a_mm", "alpha_deg", "d_mm", "offset_deg")
-    }
-    coupling = np.array(robot.get("coupling", np.eye(6)), dtype=float)
-    return Constants(
-        value["a_mm"], np.radians(value["alpha_deg"]), value["d_mm"], np.radians(value["offset_deg"]), coupling
-    )
+    return constants_from(yaml.safe_load((RIGS / f"{name}.yaml").read_text(encoding="utf-8"))["robot"])
 
 
 def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:

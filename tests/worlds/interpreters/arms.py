@@ -18,7 +18,7 @@ from analysis.apps.makers.emulated import Array, Flange, ToolPose
 from rigs.load import SHIPPED, load, parse
 from rigs.rig import Rig
 from rigs.schema.robot import Pose as RigPose
-from tests.worlds.arms.independent_arm import Constants, Wrong, flange
+from tests.worlds.arms.independent_arm import Array, constants_from, flange, none
 
 ARMS = ("ur10e", "paper-fanuc", "kuka-hanging")
 _KUKA = """
@@ -105,18 +105,10 @@ def rig_of(name: str) -> Rig:
 
 def flange_of(rig: Rig) -> Flange:
     """Return independent forward kinematics of a rig's flange in the base frame."""
-    axes = rig.robot.axes
-    arm = Constants(
-        a=np.array([axis.a_mm for axis in axes]),
-        alpha=np.radians([axis.alpha_deg for axis in axes]),
-        d=np.array([axis.d_mm for axis in axes]),
-        offset=np.radians([axis.offset_deg for axis in axes]),
-        coupling=np.array(rig.robot.coupling),
-    )
-    right = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    arm = constants_from(rig.robot.model_dump())
 
     def at(q: Array) -> tuple[Array, Array]:
-        matrices, places = flange(arm, right, q[None])
+        matrices, places = flange(arm, none(), q[None])
         return matrices[0], places[0]
 
     return at

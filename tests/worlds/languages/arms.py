@@ -22,7 +22,7 @@ from analysis.robot.kinematics.inverse import inverse
 from rigs.effects import EffectProvenance, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
 from rigs.schema.robot import LinkConstants
-from tests.worlds.arms.independent_arm import Constants
+from tests.worlds.arms.independent_arm import Constants, constants_from
 from tests.worlds.interpreters.arms import rig_of
 from tests.worlds.languages.own_constants import ur_constants, ur_frames
 
@@ -142,13 +142,7 @@ def _cell(dialect: str, controller: str) -> Cell:
         TransmissionError(axis=1, order=2, amplitude_deg=_GEAR_DEG, phase_deg=0, found=_found("amplitude_deg")),
     )
     axes = rig.robot.axes
-    nominal = Constants(
-        np.array([axis.a_mm for axis in axes]),
-        np.radians([axis.alpha_deg for axis in axes]),
-        np.array([axis.d_mm for axis in axes]),
-        np.radians([axis.offset_deg for axis in axes]),
-        np.array(rig.robot.coupling),
-    )
+    nominal = constants_from(rig.robot.model_dump())
     limits = np.radians([axis.limits_deg for axis in axes])
     centre = np.radians(np.array(POSTURE_DEG[dialect], dtype=float))
     here = Cell(rig, nominal, links_of(nominal), nominal.offset, centre, limits, controller)

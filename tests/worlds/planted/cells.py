@@ -47,6 +47,19 @@ def between(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
+def student(rng: np.random.Generator, freedom: float, shape: tuple[int, ...]) -> np.ndarray:
+    """Random numbers of standard deviation 1 from a t distribution; with infinite freedom normal ones."""
+    if not np.isfinite(freedom):
+        return rng.normal(size=shape)
+    return rng.standard_t(freedom, shape) / np.sqrt(freedom / (freedom - 2))
+
+
+def draw_scatter(rng: np.random.Generator) -> tuple[float, float]:
+    """Smallest and largest scatter of stops in a cell: 3 to 60 µm, with a ratio of up to four."""
+    middle, apart = between(rng, 0.003, 0.060), between(rng, 1.0, 4.0) ** 0.5
+    return max(middle / apart, 0.003), min(middle * apart, 0.060)
+
+
 SINGLE: dict[str, Noise] = {
     "white": Noise(white_mm=(0.001, 0.001)),
     "AR .95": Noise(slow_mm=(0, 0.001, 0.001), slow_s=-_ROW_S / np.log(0.95)),

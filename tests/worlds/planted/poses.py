@@ -12,7 +12,7 @@ from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.noise.cell_noise import TRACKER_U_MM
 from analysis.runs.tables import PoseTable
 from rigs.load import load
-from tests.worlds.planted.cells import between
+from tests.worlds.planted.cells import between, draw_scatter, student
 from tests.worlds.planted.circles import Outcome, Size, Truth
 from tests.worlds.planted.targets import AGAIN, rp
 
@@ -41,20 +41,12 @@ SINGLE: dict[str, Visits] = {
 
 
 def draw_visits(rng: np.random.Generator, kind: str) -> Visits:
-    """Draw the scatter, of a single kind or according to the table: 3 to 60 µm with a ratio of up to four within a
-    cell, up to 87 µrad, and tails from t(4).
-    """
+    """Draw the scatter, of a single kind or according to the table: rotations of up to 87 µrad, tails from t(4)."""
     if kind != "table":
         return SINGLE[kind]
-    middle, apart = between(rng, 0.003, 0.060), between(rng, 1.0, 4.0) ** 0.5
-    scatter = (max(middle / apart, 0.003), min(middle * apart, 0.060))
-    return Visits(scatter, between(rng, 5e-6, 87e-6), between(rng, 4.0, 30.0), TRACKER_U_MM * rng.uniform(0.5, 1.0))
-
-
-def _law(rng: np.random.Generator, visits: Visits, shape: tuple[int, ...]) -> np.ndarray:
-    if not np.isfinite(visits.freedom):
-        return rng.normal(size=shape)
-    return rng.standard_t(visits.freedom, shape) / np.sqrt(visits.freedom / (visits.freedom - 2))
+    return Visits(
+        draw_scatter(rng), between(rng, 5e-6, 87e-6), between(rng, 4.0, 30.0), TRACKER_U_MM * rng.uniform(0.5, 1.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -88,12 +80,12 @@ def draw_cell(rng: np.random.Generator, visits: Visits) -> Cell:
 
 
 def _rotations(rng: np.random.Generator, visits: Visits, shape: tuple[int, ...]) -> np.ndarray:
-    return visits.scatter_rad * _law(rng, visits, shape) + rng.normal(0, visits.tracker_rad, shape)
+    return visits.scatter_rad * student(rng, visits.freedom, shape) + rng.normal(0, visits.tracker_rad, shape)
 
 
 def _places(rng: np.random.Generator, visits: Visits, sigma_mm: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return scatter (..., p, 3) mm; sigma_mm (p,): of the stops of each pose."""
-    return sigma_mm[:, None] * _law(rng, visits, shape) + rng.normal(0, visits.tracker_mm, shape)
+    return sigma_mm[:, None] * student(rng, visits.freedom, shape) + rng.normal(0, visits.tracker_mm, shape)
 
 
 # --- truth

@@ -12,7 +12,7 @@ import numpy as np
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
 from analysis.runs.tables import RadialTable, RepeatabilityTable
-from tests.worlds.planted.cells import DRIFT_MM_PER_S, STEPS_MM, between
+from tests.worlds.planted.cells import DRIFT_MM_PER_S, STEPS_MM, between, draw_scatter, student
 from tests.worlds.planted.circles import Outcome, Size, Truth, cell_rig
 from tests.worlds.planted.closed_forms import directions
 
@@ -56,14 +56,11 @@ SINGLE: dict[str, Stops] = {
 
 
 def draw_stops(rng: np.random.Generator, kind: str) -> Stops:
-    """Draw the scatter, of a single kind or according to the table: 3 to 60 µm with a ratio of up to four within a
-    cell, and tails from t(4).
-    """
+    """Draw the scatter, of a single kind or according to the table, with tails from t(4)."""
     if kind != "table":
         return SINGLE[kind]
-    middle, apart = between(rng, 0.003, 0.060), between(rng, 1.0, 4.0) ** 0.5
     return Stops(
-        scatter_mm=(max(middle / apart, 0.003), min(middle * apart, 0.060)),
+        scatter_mm=draw_scatter(rng),
         freedom=between(rng, 4.0, 30.0),
         white_mm=between(rng, 0.0002, 0.003),
         step_mm=float(rng.choice(STEPS_MM)),
@@ -86,9 +83,7 @@ def scattered(rng: np.random.Generator, stops: Stops, true_mm: np.ndarray, sigma
     radius.
     """
     shape = np.broadcast_shapes(true_mm.shape, sigma_mm.shape)
-    law = rng.normal(size=shape)
-    if np.isfinite(stops.freedom):
-        law = rng.standard_t(stops.freedom, shape) / np.sqrt(stops.freedom / (stops.freedom - 2))
+    law = student(rng, stops.freedom, shape)
     time_s = STOP_S * np.arange(shape[-1])
     creep = stops.drift_mm_per_s * time_s + stops.slip_mm * (time_s > rng.uniform(0.2, 0.8) * time_s[-1])
     return true_mm + sigma_mm * law + creep + rng.normal(0, stops.white_mm, shape)

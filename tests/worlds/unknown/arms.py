@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -124,15 +125,9 @@ def _row(theta: Array, d: float, a: float, alpha: float) -> Array:
 
 
 def small_motion(twist: Array) -> Array:
-    """Transforms (n, 4, 4) of small twists (n, 6), rotations by Rodrigues' formula."""
-    rotation = twist[:, 3:]
-    angle = np.linalg.norm(rotation, axis=1)
-    x, y, z = (rotation / np.maximum(angle, 1e-15)[:, None]).T
-    zero = np.zeros_like(x)
-    K = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    """Transforms (n, 4, 4) of small twists (n, 6)."""
     T = np.tile(np.eye(4), (len(twist), 1, 1))
-    T[:, :3, :3] += np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
-    T[:, :3, 3] = twist[:, :3]
+    T[:, :3, :3], T[:, :3, 3] = Rotation.from_rotvec(twist[:, 3:]).as_matrix(), twist[:, :3]
     return T
 
 
@@ -179,10 +174,7 @@ def inverse(arm: Arm, target: Array, offset: Array, q: Array, rounds: int = 60) 
 
 def pose_error(now: Array, wanted: Array) -> Array:
     """Error (n, 6) of poses: translation, and rotation times IK_ARM_MM."""
-    cross = np.cross(now[:, :3, :3], wanted[:, :3, :3], axisa=1, axisb=1, axisc=1).sum(axis=2) / 2
-    cosine = (np.einsum("nij,nij->n", now[:, :3, :3], wanted[:, :3, :3]) - 1) / 2
-    sine = np.linalg.norm(cross, axis=1)
-    rotation = cross * np.where(sine > 1e-9, np.arctan2(sine, cosine) / np.maximum(sine, 1e-9), 1.0)[:, None]
+    rotation = Rotation.from_matrix(wanted[:, :3, :3] @ now[:, :3, :3].swapaxes(1, 2)).as_rotvec()
     return np.concatenate([wanted[:, :3, 3] - now[:, :3, 3], IK_ARM_MM * rotation], axis=1)
 
 
