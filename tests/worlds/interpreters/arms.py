@@ -18,7 +18,7 @@ from analysis.apps.makers.emulated import Array, Flange, ToolPose
 from rigs.load import SHIPPED, load, parse
 from rigs.rig import Rig
 from rigs.schema.robot import Pose as RigPose
-from tests.worlds.arms.independent_arm import Array, constants_from, flange, none
+from tests.worlds.arms.independent_arm import constants_from, flange, none
 
 ARMS = ("ur10e", "paper-fanuc", "kuka-hanging")
 _KUKA = """
