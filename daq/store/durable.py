@@ -1,8 +1,8 @@
 """Durable file operations, and the lock of the writing process. Functions raise plain OSError.
 
 A file is durable if its bytes and its directory entry are synced. No other code changes files during recording or
-recovery: a wrapper around this module's `os` observes all changes in order, as in `scripts/dev powercut`. Windows has
-neither the locks nor directory syncs, so runs cannot be recorded there.
+recovery: a wrapper around this module's `os` observes all changes in order, as in `tests/support/powercut.py`. Windows
+has neither the locks nor directory syncs, so runs cannot be recorded there.
 """
 
 from __future__ import annotations

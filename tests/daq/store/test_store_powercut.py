@@ -1,4 +1,4 @@
-"""A small sample of `scripts/dev powercut`: crash states of recordings on a disk that forgets what was not synced."""
+"""Crash states of recordings on a disk that forgets what was not synced."""
 
 from random import Random
 
@@ -14,7 +14,7 @@ def test_synced_rows_survive_a_power_cut(tmp_path, seed):
     recorded = recording(tmp_path / "recording", seed)
     real, logged = IoWorker.read(tmp_path / "recording"), survivors(recorded.before, recorded.log, None)
     assert logged.tree() == real.tree()  # the store changed a file beside daq.store.durable
-    kinds = {trial(recorded, tmp_path / str(state), 100 * seed + state).kind for state in range(15)}
+    kinds = {trial(recorded, tmp_path / str(state), 100 * seed + state) for state in range(15)}
     assert "brought back" in kinds
 
 
