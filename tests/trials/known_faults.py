@@ -6,7 +6,6 @@ row per cell and the counts. `scripts/dev stated_odds DIR` judges the probabilit
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from argparse import Namespace
@@ -17,9 +16,8 @@ from typing import Any
 from tests.support.rates import counted, table
 from tests.support.trial import Trial, main, seeds
 from tests.trials.unknown.judging import truth_of_name
-from tests.trials.unknown.rig_cli import RigFailedError, diagnose, import_tables
+from tests.trials.unknown.rig_cli import RigFailedError, kept_answer
 from tests.worlds.unknown.faults import draw_faulty
-from tests.worlds.unknown.files import write_cell
 
 GOALS = {1: 0.96, 2: 0.93, 3: 0.93}
 """Share of cells in which every fault is confirmed, by the number of faults."""
@@ -35,16 +33,10 @@ def judged(case: tuple[int, Path | None]) -> Row:
     cell, faults = draw_faulty(seed)
     row: Row = {"seed": seed, "arm": cell.arm_name, "test": cell.test, "faults": faults}
     with tempfile.TemporaryDirectory() as scratch:
-        directory = (keep or Path(scratch)) / f"cell-{seed}" / "faulty"
-        file = directory / "answer.json"
-        if not file.exists():
-            try:
-                runs = import_tables(write_cell(cell, directory), directory / "cell.yaml", directory / "runs")
-                answer = diagnose(runs)
-            except RigFailedError as error:
-                return row | {"error": str(error)}
-            file.write_text(json.dumps(answer, indent=1), encoding="utf-8")
-        answer = json.loads(file.read_text(encoding="utf-8"))
+        try:
+            answer = kept_answer(cell, (keep or Path(scratch)) / f"cell-{seed}" / "faulty")
+        except RigFailedError as error:
+            return row | {"error": str(error)}
     confirmed = [effect for effect in answer["effects"] if effect["stands"]]
     said = {str(name) for effect in confirmed for name in (effect["name"], *effect["twins"])}
     return row | {

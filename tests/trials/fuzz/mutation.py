@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from random import Random
 
 HUGE = 3000
 _DIGITS = b"0123456789"
-_Spoil = Callable[[Random, bytearray, Sequence[bytes]], None]
+_SPOILS = (
+    "flip", "flip", "overwrite", "zero", "drop", "insert", "double", "cut", "splice", "append", "digit", "swell",
+)  # fmt: skip
 
 
 def mutated(dice: Random, corpus: Sequence[bytes], longest: int = 4096) -> bytes:
@@ -15,81 +17,34 @@ def mutated(dice: Random, corpus: Sequence[bytes], longest: int = 4096) -> bytes
     data = bytearray(dice.choice(corpus))
     if dice.random() < 0.98:
         for _ in range(dice.choice((1, 1, 1, 2, 3, 8))):
-            dice.choice(_SPOILS)(dice, data, corpus)
+            _spoil(dice, dice.choice(_SPOILS), data, corpus)
     return bytes(data[:longest])
 
 
-def _span(dice: Random, data: bytearray) -> slice:
-    start = dice.randrange(len(data) + 1)
-    return slice(start, min(len(data), start + dice.choice((1, 1, 2, 4, 16, 64))))
-
-
-def _flip(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    if data:
-        data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
-
-
-def _overwrite(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    span = _span(dice, data)
-    data[span] = dice.randbytes(span.stop - span.start)
-
-
-def _zero(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    span = _span(dice, data)
-    data[span] = bytes([dice.choice((0, 0, 255))]) * (span.stop - span.start)
-
-
-def _drop(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    del data[_span(dice, data)]
-
-
-def _insert(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    start = dice.randrange(len(data) + 1)
-    data[start:start] = dice.randbytes(dice.choice((1, 1, 3, 20)))
-
-
-def _double(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    span = _span(dice, data)
-    data[span.stop : span.stop] = data[span] * dice.choice((1, 1, 1, 50))
-
-
-def _cut(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    del data[dice.randrange(len(data) + 1) :]
-
-
-def _splice(dice: Random, data: bytearray, corpus: Sequence[bytes]) -> None:
-    other = dice.choice(corpus)
-    data[dice.randrange(len(data) + 1) :] = other[dice.randrange(len(other) + 1) :]
-
-
-def _append(dice: Random, data: bytearray, corpus: Sequence[bytes]) -> None:
-    data += dice.choice(corpus)
-
-
-def _digit(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    places = [place for place, byte in enumerate(data[:400]) if byte in _DIGITS]
-    if places:
-        place = dice.choice(places)
-        data[place : place + 1] = dice.choice((b"9", b"0", b"-1", b"1e9", b"nan", b"9" * 400, b".", b"", b" "))
-
-
-def _swell(dice: Random, data: bytearray, _: Sequence[bytes]) -> None:
-    if dice.random() < 0.05:
-        start = dice.randrange(len(data) + 1)
-        data[start:start] = bytes([dice.randrange(256)]) * HUGE
-
-
-_SPOILS: Sequence[_Spoil] = (
-    _flip,
-    _flip,
-    _overwrite,
-    _zero,
-    _drop,
-    _insert,
-    _double,
-    _cut,
-    _splice,
-    _append,
-    _digit,
-    _swell,
-)
+def _spoil(dice: Random, how: str, data: bytearray, corpus: Sequence[bytes]) -> None:
+    start, other = dice.randrange(len(data) + 1), dice.choice(corpus)
+    span = slice(start, min(len(data), start + dice.choice((1, 1, 2, 4, 16, 64))))
+    match how:
+        case "flip" if start < len(data):
+            data[start] ^= 1 << dice.randrange(8)
+        case "overwrite":
+            data[span] = dice.randbytes(span.stop - span.start)
+        case "zero":
+            data[span] = bytes([dice.choice((0, 0, 255))]) * (span.stop - span.start)
+        case "drop":
+            del data[span]
+        case "insert":
+            data[start:start] = dice.randbytes(dice.choice((1, 1, 3, 20)))
+        case "double":
+            data[span.stop : span.stop] = data[span] * dice.choice((1, 1, 1, 50))
+        case "cut":
+            del data[start:]
+        case "splice":
+            data[start:] = other[dice.randrange(len(other) + 1) :]
+        case "append":
+            data += other
+        case "digit" if places := [place for place, byte in enumerate(data[:400]) if byte in _DIGITS]:
+            place = dice.choice(places)
+            data[place : place + 1] = dice.choice((b"9", b"0", b"-1", b"1e9", b"nan", b"9" * 400, b".", b"", b" "))
+        case "swell" if dice.random() < 0.05:
+            data[start:start] = bytes([dice.randrange(256)]) * HUGE

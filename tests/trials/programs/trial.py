@@ -279,7 +279,6 @@ class Table:
     worst_mm: float = 0.0
     seconds: float = 0.0
     faults: Counter[str] = field(default_factory=Counter)
-    programs: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
 
     def add(self, verdict: Verdict) -> None:
@@ -296,5 +295,3 @@ class Table:
             self.faults[fault.kind] += 1
             if grave(fault):
                 self.worst_mm = max(self.worst_mm, fault.after_mm - fault.before_mm)
-        for kind in {fault.kind for fault in verdict.faults}:
-            self.programs[kind] += 1

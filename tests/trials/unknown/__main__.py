@@ -7,7 +7,6 @@ as it ends, and cells that stand in FILE are not diagnosed again.
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from argparse import Namespace
@@ -18,10 +17,9 @@ from typing import Any
 
 from tests.support.trial import Trial, main, markdown, seeds
 from tests.trials.unknown.judging import judge
-from tests.trials.unknown.rig_cli import RigFailedError, diagnose, import_tables
+from tests.trials.unknown.rig_cli import RigFailedError, kept_answer
 from tests.worlds.unknown.causes import CAUSES
 from tests.worlds.unknown.cells import Cell, draw_cell, noise_um
-from tests.worlds.unknown.files import write_cell
 
 GOALS = "goals: told at least 95 %, cells with a wrong name at most 5 %, worse 0, time at most 3 times"
 Row = dict[str, Any]
@@ -55,16 +53,11 @@ def judged_cell(cell: Cell, directory: Path, with_sound: bool) -> Row:
 
 
 def _judged(cell: Cell, directory: Path) -> Row:
-    file = directory / "answer.json"
-    if not file.exists():
-        try:
-            runs = import_tables(write_cell(cell, directory), directory / "cell.yaml", directory / "runs")
-            answer = diagnose(runs, directory / "found")
-        except RigFailedError as error:
-            return {"error": str(error)}
-        file.write_text(json.dumps(answer, indent=1), encoding="utf-8")
-    answer = json.loads(file.read_text(encoding="utf-8"))
-    return judge(cell, answer, directory / "found").as_json()
+    found = directory / "found"
+    try:
+        return judge(cell, kept_answer(cell, directory, found), found).as_json()
+    except RigFailedError as error:
+        return {"error": str(error)}
 
 
 # --- what is printed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from tests.worlds.stranger.joints import ON_JOINT, ON_TOOL, Trace, joint_of, wro
 from tests.worlds.stranger.motion import Motion
 from tests.worlds.stranger.outside import OUT_JOINT
 from tests.worlds.stranger.screws import Array, Posed, arm_from, pose
+
+_STEP_RAD, _STEP_MM = 1e-6, 1e-4
 
 
 def trace_of(cell: Cell, motion: Motion) -> Trace:
@@ -44,6 +47,20 @@ def read(motion: Motion, faults: Sequence[Fault], link: Link, tool: tuple[Posed,
     g = raw_readings(*tool, link, motion.test, motion.place, faults)
     g = own_errors(g, motion.t, faults, 0.0)
     return _stamped(g, motion, faults)
+
+
+def by_joint(cell: Cell, motion: Motion, link: Link, trace: Trace) -> Array:
+    """Derivatives (m, k, 6) mm/rad of the readings of a perfect arm by its joints."""
+    plain = measure(cell, motion, [], link, trace=trace)
+    turned = [measure(cell, motion, [], link, step, trace=trace) for step in _STEP_RAD * np.eye(6)]
+    return np.stack([(g - plain) / _STEP_RAD for g in turned], axis=2)
+
+
+def by_ball(motion: Motion, link: Link, tool: tuple[Posed, Array]) -> Array:
+    """Derivatives (m, k, 3) of the readings by the position of the ball."""
+    plain = read(motion, [], link, tool)
+    shifted = [read(motion, [], replace(link, ball=link.ball + step), tool) for step in _STEP_MM * np.eye(3)]
+    return np.stack([(g - plain) / _STEP_MM for g in shifted], axis=2)
 
 
 def tool_of(

@@ -19,13 +19,12 @@ from tests.worlds.stranger.cell import Cell, read_cell
 from tests.worlds.stranger.faults import Fault
 from tests.worlds.stranger.gauges import Link
 from tests.worlds.stranger.joints import ON_JOINT, Trace, joint_of
-from tests.worlds.stranger.measure import measure, trace_of
+from tests.worlds.stranger.measure import by_ball, by_joint, measure, tool_of, trace_of
 from tests.worlds.stranger.motion import Motion, lap, targets, track_of, visits
 from tests.worlds.stranger.names import everything, looks
 from tests.worlds.stranger.screws import Array
 
 REPEATS = 3
-_STEP_RAD = 1e-6
 _BY_SETUP = ("time_lag", "clock_rate", "gauge_scale", "gauge_inclination", "gauge_baseline", "gauge_cyclic",
              "gauge_dead_band", "ball_form", "link_geometry")  # fmt: skip
 """Effects visible only through changes of the readings, so they depend on the eccentricity of the set-up. Lengths
@@ -63,11 +62,7 @@ class Sight:
         link = Link(motion.place.centre + np.array([0.4, -0.3, 0.2]), zeros, self.cell.gauge_at)
         trace = trace_of(self.cell, motion)
         plain = measure(self.cell, motion, [], link, trace=trace)
-        columns = []
-        for joint in range(6):
-            turned = measure(self.cell, motion, [], link, _STEP_RAD * np.eye(6)[joint], trace=trace)
-            columns.append((turned - plain) / _STEP_RAD)
-        return View(motion, link, trace, plain, np.stack(columns, axis=2))
+        return View(motion, link, trace, plain, by_joint(self.cell, motion, link, trace))
 
     def placed(self, links: Mapping[str, Link]) -> Sight:
         """Same programs with the set-ups of a day, by test.
@@ -128,7 +123,7 @@ def _channels(part: Array) -> Array:
 
 def setup_rows(sight: Sight) -> Array:
     """Changes (n, D) mm of the readings by the set-ups: a ball and gauge zeros for each test."""
-    views, ball = sight.views, [by_ball(sight.cell, view) for view in sight.views]
+    views, ball = sight.views, [view_by_ball(sight.cell, view) for view in sight.views]
     shapes = [np.zeros_like(view.plain) for view in views]
     setup = []
     for test in ("yaw", "roll", "radial"):
@@ -139,13 +134,9 @@ def setup_rows(sight: Sight) -> Array:
     return np.array(setup)
 
 
-def by_ball(cell: Cell, view: View) -> Array:
-    """Derivatives (m, k, 3) of the readings by the ball position."""
-    columns = []
-    for step in 1e-4 * np.eye(3):
-        link = Link(view.link.ball + step, view.link.zeros, view.link.at)
-        columns.append((measure(cell, view.motion, [], link, trace=view.trace) - view.plain) / 1e-4)
-    return np.stack(columns, axis=2)
+def view_by_ball(cell: Cell, view: View) -> Array:
+    """Derivatives (m, k, 3) of the readings by the position of the ball."""
+    return by_ball(view.motion, view.link, tool_of(cell, view.motion, [], view.trace))
 
 
 def _placed(shapes: list[Array], parts: dict[int, Array]) -> Array:

@@ -17,7 +17,7 @@ from tests.worlds.stranger.measure import measure
 from tests.worlds.stranger.real.noise import CellNoise, Levels, along_lap
 from tests.worlds.stranger.real.setups import centred, watched
 from tests.worlds.stranger.screws import Array
-from tests.worlds.stranger.sight import REPEATS, Sight, View, by_ball, flat, setup_rows
+from tests.worlds.stranger.sight import REPEATS, Sight, View, flat, setup_rows, view_by_ball
 
 SEEN = 7.0
 """Sigma above which a fault is testable."""
@@ -203,7 +203,7 @@ def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str
     t = view.motion.t[view.motion.rows]
     step = noise.resolution_mm**2 / 12
     smooth = along_lap(2 * np.pi * t / t[-1])
-    ball = by_ball(sight.cell, view)
+    ball = view_by_ball(sight.cell, view)
     shared = {
         (a, b): (np.radians(own.joints_deg) ** 2 * view.by_joint[:, a] @ view.by_joint[:, b].T
                  + own.ball_mm**2 * ball[:, a] @ ball[:, b].T) * (smooth @ smooth.T)

@@ -7,20 +7,18 @@ is independent of the rate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from tests.worlds.stranger.cell import Cell
 from tests.worlds.stranger.faults import Fault
 from tests.worlds.stranger.gauges import Link
-from tests.worlds.stranger.measure import measure, read, tool_of, trace_of
+from tests.worlds.stranger.measure import by_ball, by_joint, measure, tool_of, trace_of
 from tests.worlds.stranger.motion import Motion, Track, lap
 from tests.worlds.stranger.screws import Array
 
 GRID_S = 0.01
-_STEP_RAD = 1e-6
-_STEP_MM = 1e-4
 
 BY_RUN = ("vibration", "gauge_scale", "gauge_inclination", "gauge_cyclic")
 """Effects applied per run: a vibration has a random phase, and a gauge error depends on the reading, which includes
@@ -57,15 +55,11 @@ def program(cell: Cell, motion: Motion, link: Link, faults: Sequence[Fault]) -> 
     """Compute a motion with faults, except those of `BY_RUN`, which are applied per run."""
     trace = trace_of(cell, motion)
     steady = [fault for fault in faults if fault.effect not in BY_RUN]
-    tool = tool_of(cell, motion, [], trace)
-    plain = read(motion, [], link, tool)
-    turned = [measure(cell, motion, [], link, _STEP_RAD * row, trace=trace) for row in np.eye(6)]
-    shifted = [read(motion, [], replace(link, ball=link.ball + row), tool) for row in _STEP_MM * np.eye(3)]
     return Program(
         motion,
         measure(cell, motion, steady, link, trace=trace),
-        np.stack([(moved - plain) / _STEP_RAD for moved in turned], axis=2),
-        np.stack([(moved - plain) / _STEP_MM for moved in shifted], axis=2),
+        by_joint(cell, motion, link, trace),
+        by_ball(motion, link, tool_of(cell, motion, [], trace)),
     )
 
 

@@ -15,11 +15,10 @@ from tests.worlds.stranger.cell import Cell
 from tests.worlds.stranger.faults import Fault
 from tests.worlds.stranger.gauges import Link
 from tests.worlds.stranger.joints import Trace
-from tests.worlds.stranger.measure import read, tool_of
+from tests.worlds.stranger.measure import by_ball, read, tool_of
 from tests.worlds.stranger.motion import Motion
 from tests.worlds.stranger.screws import Array
 
-_STEP_MM = 1e-4
 _NEAR_MM = 1e-4
 _ROUNDS = 8
 LEAST_SHARE = 0.05
@@ -42,9 +41,7 @@ class Watch:
 def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
     """A motion with this set-up and no faults."""
     tool = tool_of(cell, motion, [], trace)
-    plain = read(motion, [], link, tool)
-    shifted = [read(motion, [], replace(link, ball=link.ball + step), tool) for step in _STEP_MM * np.eye(3)]
-    return Watch(motion, trace, tool[1], plain, np.stack([(g - plain) / _STEP_MM for g in shifted], axis=2))
+    return Watch(motion, trace, tool[1], read(motion, [], link, tool), by_ball(motion, link, tool))
 
 
 def by_setup(watches: Sequence[Watch]) -> Array:
