@@ -196,8 +196,7 @@ def _simulated(
 
     def make(directory: Path, data: Path) -> bool:
         rig, text = load(rig_name)
-        hidden = [VOCABULARY[one["effect"]].model_validate({k: v for k, v in one.items() if k != "effect"})
-                  for one in effects]  # fmt: skip
+        hidden = [VOCABULARY[one["effect"]].model_validate(one) for one in effects]
         for test, direction, seed in tests:
             list(write_simulated(rig, text, test, [direction], [seed], directory / "runs", hidden))
         return True
@@ -256,13 +255,10 @@ def _tracked(name: str, wrong: str, seed: int, count: int) -> Callable[[Path, Pa
     return make
 
 
-def _import_poses(directory: Path, run: str, q_deg: Any, xyz_mm: Any, rig: str, rpy_deg: Any = None) -> None:
+def _import_poses(directory: Path, run: str, q_deg: Any, xyz_mm: Any, rig: str) -> None:
     names = [*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"]
-    rows = np.hstack([q_deg, xyz_mm])
-    if rpy_deg is not None:
-        names, rows = [*names, "rx_deg", "ry_deg", "rz_deg"], np.hstack([rows, rpy_deg])
     table = directory / f"{run}.csv"
-    np.savetxt(table, rows, "%.9f", ",", header=",".join(names), comments="")
+    np.savetxt(table, np.hstack([q_deg, xyz_mm]), "%.9f", ",", header=",".join(names), comments="")
     (directory / "runs").mkdir(exist_ok=True)
     import_table(table, directory / "runs" / run, rig_file=rig, test="pose", operator="golden")
 

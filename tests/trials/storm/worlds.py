@@ -56,7 +56,6 @@ class World:
     blows: tuple[Blow, ...]
     small: bool
     chunk_s: float
-    has_signal: bool
 
     @property
     def is_long(self) -> bool:
@@ -97,7 +96,6 @@ def world(seed: int) -> World:
         blows=tuple(blows),
         small=not is_long and dice.random() < 0.5,
         chunk_s=600.0 if is_long else dice.uniform(0.5, 20.0),
-        has_signal=has_signal,
     )
 
 

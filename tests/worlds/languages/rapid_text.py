@@ -56,7 +56,6 @@ def lined(name: str, text: str) -> Lined:
 class _Routine:
     parameters: tuple[str, ...]
     steps: list[Step]
-    local: tuple[Any, ...] = ()
 
 
 class Program:

@@ -278,9 +278,9 @@ def repeated_runs(
     return tables, cell, set_up, differs
 
 
-def mean_figures(rng: np.random.Generator, set_up: SetUp, differs: Between, draws: int = 150) -> Truth:
+def mean_figures(rng: np.random.Generator, set_up: SetUp, differs: Between) -> Truth:
     """Expected yaw figures over all possible runs."""
-    every = [true_figures(differs.another(rng, set_up), 1.0, "yaw") for _ in range(draws)]
+    every = [true_figures(differs.another(rng, set_up), 1.0, "yaw") for _ in range(150)]
     angle, distance = ({name: np.array([e[k][name] for e in every]) for name in every[0][k]} for k in (0, 1))
     return {name: _mean(name, values) for name, values in (angle | distance).items()}
 

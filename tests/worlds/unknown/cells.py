@@ -249,14 +249,14 @@ def circle_motions(tests: Sequence[str]) -> Planned:
     return found
 
 
-def touch_postures(arm: Arm, places: Array, rng: np.random.Generator, tilt: float = 0.6) -> Array:
-    """Find postures (n, axes) with the pointer's ball at places (n, 3), randomly tilted by up to `tilt` rad."""
+def touch_postures(arm: Arm, places: Array, rng: np.random.Generator) -> Array:
+    """Find postures (n, axes) with the pointer's ball at places (n, 3), randomly tilted by up to 0.6 rad."""
     offset, found = np.eye(4), []
     offset[:3, 3] = BALL_MM
     for place in places:
         for _ in range(200):
             T = np.eye(4)
-            lean = rng.uniform(-tilt, tilt, 2)
+            lean = rng.uniform(-0.6, 0.6, 2)
             turn = small_motion(np.array([[0, 0, 0, lean[0], lean[1], 0], [0, 0, 0, 0, 0, rng.uniform(-2.5, 2.5)]]))
             T[:3, :3] = turn[0, :3, :3] @ np.diag([1.0, -1.0, -1.0]) @ turn[1, :3, :3]
             T[:3, 3] = place

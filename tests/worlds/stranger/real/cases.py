@@ -87,7 +87,7 @@ class Day:
 def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, *, name: str = "") -> Path:
     """Write a case and its truth. Return the directory of the case, `case-SEED` or `name` in `directory`."""
     rng = np.random.default_rng([seed, zlib.crc32(f"real {kind}".encode())])
-    day, mode = drawn_day(kind, rng)
+    day = drawn_day(kind, rng)
     oracle = Oracle(sight_of(day.robot).placed(day.links), day.noise, day.levels, 2 * day.radials, LAPS)
     level = LEVEL.get(kind, 1.0)
     healthy = arms.healthy_arm(level, rng)
@@ -103,7 +103,6 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
     _write(case, replace(day, links=placed_links(day, faults)), faults, rng)
     truth = {
         "case": case.name,
-        "world": "real",
         "kind": kind,
         "seed": seed,
         "rig": day.robot,
@@ -111,10 +110,6 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
         "hidden": [_hidden_json(oracle, *three) for three in zip(hidden, drawn, seen, strict=True)],
         "outside": [_foreign_json(oracle, fault, level) for fault in foreign],
         "background": [fault_json(fault) | {"healthy": fault.healthy} for fault in rest],
-        "unseen": mode,
-        "setup": {use: {"ball_mm": link.ball, "zeros_mm": link.zeros} for use, link in day.links.items()},
-        "noise": day.noise.as_json(),
-        "levels": {setup: levels.__dict__ for setup, levels in day.levels.items()},
         "scatter_um": {test: 1e3 * mm for test, mm in oracle.scatter_mm().items()},
     }
     truth_directory.mkdir(parents=True, exist_ok=True)
@@ -123,10 +118,10 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
     return case
 
 
-def drawn_day(kind: str, rng: np.random.Generator) -> tuple[Day, dict[str, Any]]:
+def drawn_day(kind: str, rng: np.random.Generator) -> Day:
     robot = ROBOTS[rng.integers(len(ROBOTS))]
     sight = sight_of(robot)
-    unseen, mode = elsewhere(sight, rng)
+    unseen = elsewhere(sight, rng)
     rate = float(noises.log_uniform(50, 500, rng)) if rng.uniform() < 0.15 else 50.0
     noise = noises.drawn_cell(rng, kind, rate)
     cell, targets = sight.cell, sight.targets
@@ -142,12 +137,11 @@ def drawn_day(kind: str, rng: np.random.Generator) -> tuple[Day, dict[str, Any]]
     levels = {
         setup: noises.drawn_levels(rng, 2 * REPEATS + 2, gauges, numbers) for setup, (_, gauges) in places.items()
     }
-    day = Day(robot, cell, sight.track, unseen, links, levels, noise, targets, held_out, radials)
-    return day, mode
+    return Day(robot, cell, sight.track, unseen, links, levels, noise, targets, held_out, radials)
 
 
-def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track], dict[str, Any]]:
-    """Cell with a circle at a different place or of a different radius, and the change."""
+def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[Cell, Track]:
+    """Cell with a circle at a different place or of a different radius."""
     circle = sight.cell.circle
     for _ in range(30):
         if rng.uniform() < 0.5:
@@ -155,17 +149,15 @@ def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track
             place = replace(
                 circle, centre=np.round(circle.centre + rng.uniform(70, 130) * way / np.linalg.norm(way), 3)
             )
-            mode = {"place_mm": [float(x) for x in place.centre - circle.centre]}
         else:
             place = replace(circle, radius=float(rng.choice([50.0, 90.0])))
-            mode = {"radius_mm": place.radius}
         try:
             track = track_of(sight.cell, place)
         except (OutOfReachError, np.linalg.LinAlgError):
             continue
         start = np.array([np.interp(0.0, track.psi, column) for column in track.q.T])
         there: Place = replace(place, posture=start)
-        return (moved(sight.cell, there), replace(track, place=there)), mode
+        return moved(sight.cell, there), replace(track, place=there)
     raise OutOfReachError("no other place for the circle")
 
 
@@ -316,7 +308,6 @@ def _hidden_json(oracle: Oracle, whole: Fault, planted: Fault, seen: Seen) -> di
         "sigma": seen.sigma,
         "testable": seen.testable,
         "class": sorted({whole.name, *seen.twins}),
-        "nearest_rival": {"name": seen.rival, "sigma": seen.rival_sigma},
     }
 
 
@@ -333,14 +324,11 @@ def fault_json(fault: Fault) -> dict[str, Any]:
 
 
 def _foreign_json(oracle: Oracle, fault: Fault, level: float) -> dict[str, Any]:
-    moves = oracle.moves_mm([fault])
-    sigma, nearest = oracle.unexplained(fault, level)
+    sigma = oracle.unexplained(fault, level)
     return fault_json(fault) | {
-        "worth_um": {test: round(1e3 * mm, 3) for test, mm in moves.items()},
-        "rms_um": round(1e3 * _rms(moves), 3),
+        "worth_um": {test: round(1e3 * mm, 3) for test, mm in oracle.moves_mm([fault]).items()},
         "sigma": sigma,
         "testable": sigma >= 7.0,
-        "nearest": nearest,
     }
 
 

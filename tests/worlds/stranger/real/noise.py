@@ -6,7 +6,7 @@ The ranges of the table are sampled log-uniformly unless stated otherwise.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,6 @@ class CellNoise:
     uneven: float
     jitter_s: float
     encoder_deg: float
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def log_uniform(low: float, high: float, rng: np.random.Generator, size: int | None = None) -> Any:

@@ -29,13 +29,11 @@ _TO_CHANNELS = np.array([[0.5, 0.5], [-1.0, 1.0]])
 @dataclass(frozen=True)
 class Seen:
     """Visibility of a fault. sigma: against noise, set-ups, healthy background and the other faults with free sizes;
-    twins: names that explain it equally well; rival: the nearest other name and its distance in sigma.
+    twins: names that explain it equally well.
     """
 
     sigma: float
     twins: tuple[str, ...]
-    rival: str
-    rival_sigma: float
 
     @property
     def testable(self) -> bool:
@@ -124,13 +122,12 @@ class Oracle:
         alone = 1 / np.sqrt(np.maximum(np.diag(np.linalg.pinv(rows @ rows.T)), 1e-30))
         return [_seen(frame, fault, x, float(sigma)) for fault, x, sigma in zip(faults, rows, alone, strict=True)]
 
-    def unexplained(self, fault: Fault, level: float) -> tuple[float, str]:
-        """Sigma of a foreign fault unexplained by any single name, and the nearest name."""
+    def unexplained(self, fault: Fault, level: float) -> float:
+        """Sigma of a foreign fault unexplained by any single name."""
         frame = self.frame(level)
         x = frame.of([fault])
-        alike = frame.likeness(x)
-        nearest = max(alike, key=lambda name: alike[name])
-        return float(np.linalg.norm(x)) * float(np.sqrt(max(0.0, 1 - alike[nearest] ** 2))), nearest
+        alike = max(frame.likeness(x).values())
+        return float(np.linalg.norm(x)) * float(np.sqrt(max(0.0, 1 - alike**2)))
 
 
 class Frame:
@@ -185,14 +182,12 @@ def _seen(frame: Frame, fault: Fault, x: Array, sigma: float) -> Seen:
         small = replace(fault, size=healthy_of(fault.effect, fault.keys))
         x = frame.of([small]) * fault.size / small.size
     size = float(np.linalg.norm(x))
-    away = {
-        name: size * float(np.sqrt(max(0.0, 1 - cosine**2)))
+    twins = [
+        name
         for name, cosine in frame.likeness(x).items()
-        if name != fault.name
-    }
-    twins = tuple(sorted(name for name, distance in away.items() if distance < TWIN))
-    rival = min((name for name in away if name not in twins), key=lambda name: away[name], default="")
-    return Seen(sigma, twins, rival, away.get(rival, float("inf")))
+        if name != fault.name and size * np.sqrt(max(0.0, 1 - cosine**2)) < TWIN
+    ]
+    return Seen(sigma, tuple(sorted(twins)))
 
 
 def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str, Levels], laps: int) -> list[Array]:
