@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rigs.schema.robot import Robot
 from tests.worlds.arms.seven_axes import Array, Truth
@@ -39,27 +40,8 @@ class Stand:
         tipped = self.anchors * about @ axes
         up = np.array([0.0, 0.0, 1.0])
         top = np.cross(bent, up) * self.height_mm / 2 + np.cross(tipped, up) * self.height_mm
-        turned = np.array([turn(v, p) for v, p in zip(bent + tipped, places, strict=True)])
+        turned = Rotation.from_rotvec(bent + tipped).apply(places)
         return np.asarray(turned + top + np.outer(self.sag * about[:, 0], up))
-
-
-def turn(v: Array, p: Array) -> Array:
-    """Rotate a point p (3,) about the origin by a rotation vector v (3,) (Rodrigues)."""
-    angle = float(np.linalg.norm(v))
-    if angle == 0:
-        return p
-    k = v / angle
-    return np.asarray(
-        p * np.cos(angle) + np.cross(k, p) * np.sin(angle) + k * (k @ p) * (1 - np.cos(angle)), dtype=float
-    )
-
-
-def _base(robot: Robot) -> Array:
-    """Base frame (4, 4) with rotations about the fixed x, y and z axes in this order."""
-    T = np.eye(4)
-    for k, angle in enumerate(np.radians(robot.base.rpy_deg)):
-        T[:3, :3] = np.array([turn(angle * np.eye(3)[k], column) for column in T[:3, :3].T]).T
-    return T
 
 
 def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
@@ -75,9 +57,10 @@ def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
         of("a_mm") + off.a, np.radians(of("alpha_deg")) + off.alpha, 0.0, of("d_mm") + off.d,
         theta + np.radians(of("offset_deg")) + off.zero,
     )  # fmt: skip
+    base = Rotation.from_euler("xyz", robot.base.rpy_deg, degrees=True).as_matrix()
     T = np.tile(np.eye(4), (*p.shape[:2], 1, 1))
-    T[:, :, :3, :3], T[:, :, :3, 3] = R, p
-    return np.asarray((_base(robot) @ T).swapaxes(0, 1))
+    T[:, :, :3, :3], T[:, :, :3, 3] = base @ R, p @ base.T
+    return np.asarray(T.swapaxes(0, 1))
 
 
 def moment_nm(robot: Robot, links: Array) -> Array:

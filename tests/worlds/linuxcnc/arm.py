@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.worlds.chain import link_frames
+
 Array = NDArray[np.float64]
 A_MM = np.array([0.0, 0.0, 431.8, 0.0, 0.0, 0.0])
 ALPHA_DEG = np.array([0.0, 90.0, 0.0, 90.0, -90.0, 90.0])
@@ -64,16 +66,8 @@ class Arm:
 
 def tool_at(joints_deg: Array, a_mm: Array = A_MM, d_mm: Array = D_MM) -> tuple[Array, Array]:
     """Return rotation (n, 3, 3) and position (n, 3) mm of the tool at angles (n, 6) in degrees."""
-    theta, alpha = np.radians(joints_deg), np.radians(ALPHA_DEG)
-    R, p = np.tile(np.eye(3), (len(theta), 1, 1)), np.zeros((len(theta), 3))
-    for k in range(6):
-        ca, sa = np.cos(alpha[k]), np.sin(alpha[k])
-        p = p + R[:, :, 0] * a_mm[k]
-        R = R @ np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
-        c, s, zero = np.cos(theta[:, k]), np.sin(theta[:, k]), np.zeros(len(theta))
-        R = R @ np.stack([c, -s, zero, s, c, zero, zero, zero, zero + 1], axis=1).reshape(-1, 3, 3)
-        p = p + R[:, :, 2] * d_mm[k]
-    return R @ TOOL, p + R @ TOOL_MM
+    R, p = link_frames(a_mm, np.radians(ALPHA_DEG), 0.0, d_mm, np.radians(joints_deg))
+    return R[:, -1] @ TOOL, p[:, -1] + R[:, -1] @ TOOL_MM
 
 
 @dataclass(frozen=True)
