@@ -184,7 +184,6 @@ class Cell:
     foreign_um: float = 0.0
     cause_um: float = 0.0
     healthy_um: float = 0.0
-    tests: tuple[str, ...] = ("yaw", "radial")
     states_approach: bool = False
     """Poses and touches have columns of the joints before the last move, which show backlash."""
 
@@ -235,18 +234,14 @@ def draw_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(arm.low, arm.high, (count, arm.axes))
 
 
-def circle_motions(tests: Sequence[str]) -> Planned:
+def circle_motions() -> Planned:
     path, targets = ball_paths()
     found: Planned = []
-    for test in tests:
-        if test == "radial":
-            found.append(("radial", "radial", "", stops(targets.q, len(found) * RUN_APART_S)))
-            continue
-        for number in (1, 2):
-            for direction, sense in (("acw", 1), ("cw", -1)):
-                motion = circle_motion(path, sense, len(found) * RUN_APART_S, RATE_HZ)
-                found.append((f"{test}-{direction}-{number}", test, direction, motion))
-    return found
+    for number in (1, 2):
+        for direction, sense in (("acw", 1), ("cw", -1)):
+            motion = circle_motion(path, sense, len(found) * RUN_APART_S, RATE_HZ)
+            found.append((f"yaw-{direction}-{number}", "yaw", direction, motion))
+    return [*found, ("radial", "radial", "", stops(targets.q, len(found) * RUN_APART_S))]
 
 
 def touch_postures(arm: Arm, places: Array, rng: np.random.Generator) -> Array:
@@ -276,7 +271,7 @@ def motions(cell: Cell) -> Planned:
     rng = np.random.default_rng([cell.seed, 1])
     arm = cell.nominal
     if cell.test == "circle":
-        return circle_motions(cell.tests)
+        return circle_motions()
     if cell.test == "pose":
         q = draw_postures(arm, POSES, rng)
         again = rng.choice(POSES, REPEATED, replace=False)
@@ -563,18 +558,6 @@ def draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) ->
         target=target,
         frame=frame if test == "pose" else np.eye(4),
     )
-
-
-def draw_geared(seed: int) -> Cell:
-    """Draw a UR10e whose gear of axis 6, which makes a full turn on the circle, has one to four waves per turn of
-    0.005 to 0.03 degrees (strain-wave gears, CSF: 0.3 to 1.8 arcmin), measured by yaw only.
-    """
-    rng = np.random.default_rng([seed, 10])
-    known, noise = draw_known(rng, 6, rich=False), draw_noise(rng, "circle")
-    link = Link(ball=rng.normal(0, 0.4, 3), zeros=rng.normal(0, 0.02, 2))
-    order, size = int(rng.integers(1, 5)), np.radians(log_uniform(rng, 0.005, 0.03))
-    known = replace(known, gear=(6, order, size, rng.uniform(0, 2 * np.pi)))
-    return Cell("ur10e", "circle", known, None, noise, seed, link, tests=("yaw",))
 
 
 def noise_um(cell: Cell) -> float:
