@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.api import read_table, save_run
+from analysis.apps.commission.next_touch import candidates_of, next_posture
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe
 from analysis.movement.causes import Cause
 from analysis.movement.inference import Reference, compare, study
@@ -61,9 +62,10 @@ class Case:
             taken[name] += 1
         return np.array(rows)
 
-    def touch(self, sockets: list[str], q: np.ndarray) -> tuple[list[str], np.ndarray]:
-        """Touches after the change, near given postures."""
-        return sockets, world.touched(self.after, q, sockets, self.change, self.scatter_mm, self.rng)
+    def touch(self, sockets: list[str], q: np.ndarray | None = None) -> tuple[list[str], np.ndarray]:
+        """Return touches after the change, near given postures or in random ones."""
+        near = self._postures(sockets) if q is None else q
+        return sockets, world.touched(self.after, near, sockets, self.change, self.scatter_mm, self.rng)
 
     def touch_again(self, count: int) -> tuple[list[str], np.ndarray]:
         """Return touches after the change in postures of the reference drawn at random, both sockets in turn."""
@@ -72,6 +74,24 @@ class Case:
             for n in range(count)
         ]
         return self.touch([self.sockets[row] for row in rows], self.q[rows])
+
+    def touch_planned(self, count: int) -> tuple[list[str], np.ndarray]:
+        """Return touches made after the change, at most `count`, until a cause is named.
+
+        The plan chooses each posture from the touches before it.
+        """
+        candidates, compared = candidates_of(self.reference), None
+        sockets: list[str] = []
+        q = np.empty((0, self.q.shape[1]))
+        while len(sockets) < count:
+            posture = next_posture(self.reference, candidates, compared)
+            row = int(np.abs(self.q - posture.angles).max(axis=1).argmin())
+            name, near = self.touch([self.sockets[row]], self.q[row : row + 1])
+            sockets, q = sockets + name, np.concatenate([q, near])
+            compared = compare(self.reference, observed(self.model, sockets, q))
+            if compared.identified_cause is not None:
+                break
+        return sockets, q
 
     def named(self, touches: tuple[list[str], np.ndarray]) -> Cause | None:
         return compare(self.reference, observed(self.model, *touches)).identified_cause

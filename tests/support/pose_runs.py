@@ -1,17 +1,23 @@
-"""Poses measured by a tracker as runs in memory, of arms that move between the runs."""
+"""Poses measured by a tracker as runs in memory, of arms that move between the runs, and what they calibrate."""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analysis import calibrate
+from analysis.apps.report.diagnosis_report import write_model
 from analysis.runs.loading import Measured, measured_of, rig_of
 from analysis.runs.tables import PoseTable, columns_of
 from daq.store import table_run
 from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.robot import Pose
 from tests.worlds.arms.independent_arm import GEAR_RAD, HEALTHY, POSTURE_DEG, Array, constants_of, flange, none
 
 TOOL_MM, REACH_RAD = np.array([40.0, 25.0, 130.0]), np.array([1.2, 0.5, 0.6, 1, 1, 2])
@@ -68,3 +74,19 @@ def cell_with(arm: str, changes: list[dict[int, float]], rng: np.random.Generato
         xyz = (p + R @ tool) @ turn.T + place
         runs.append(pose_run(arm, q, xyz + rng.normal(0, noise_mm, xyz.shape), f"run {number}"))
     return Cell(runs, changes)
+
+
+def calibrated(runs: Sequence[Measured], text: str) -> Rig:
+    """Rig file that `rig calibrate` writes for runs, as it is read again."""
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "found.yaml"
+        write_model(calibrate(runs), text, path)
+        return load(path)[0]
+
+
+def with_tool(rig: Rig, xyz_mm: Array) -> Rig:
+    """A rig with its tool at the target (3,) mm on the flange."""
+    x, y, z = (float(value) for value in xyz_mm)
+    return rig.model_copy(
+        update={"robot": rig.robot.model_copy(update={"tool": Pose(xyz_mm=(x, y, z))})}
+    ).calibrated_as(rig)

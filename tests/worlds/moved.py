@@ -7,11 +7,10 @@ convention, written from the textbook. An arm has errors of every constant, gear
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tests.worlds.chain import link_frames
 
@@ -141,20 +140,28 @@ def drawn_change(cause: str, axes: int, rng: np.random.Generator) -> Change:
     for one in cause.split("+"):
         what, _, axis = one.partition(" ")
         if what == "base":
-            change = replace(change, base=0.5 * _direction(rng), turn=0.5e-3 * _direction(rng))
+            change = Change(0.5 * _direction(rng), 0.5e-3 * _direction(rng), change.tool, change.zero, change.sockets)
         elif what == "tool":
-            change = replace(change, tool=0.7 * _direction(rng))
+            change = Change(change.base, change.turn, 0.7 * _direction(rng), change.zero, change.sockets)
         elif what == "socket":
-            change = replace(change, sockets={"A": 0.5 * _direction(rng)})
+            change = Change(change.base, change.turn, change.tool, change.zero, {"A": 0.5 * _direction(rng)})
         elif what == "zero":
-            change.zero[int(axis) - 1] = np.radians(rng.uniform(0.03, 0.1)) * rng.choice([-1, 1])
+            zero = change.zero.copy()
+            zero[int(axis) - 1] = np.radians(rng.uniform(0.03, 0.1)) * rng.choice([-1, 1])
+            change = Change(change.base, change.turn, change.tool, zero, change.sockets)
     return change
 
 
 def changed_arm(arm: TrueArm, change: Change) -> TrueArm:
+    angle = float(np.linalg.norm(change.turn))
     base = np.eye(4)
-    base[:3, :3], base[:3, 3] = Rotation.from_rotvec(change.turn).as_matrix(), change.base
-    return replace(arm, zero=arm.zero + change.zero, tool=arm.tool + change.tool, base=base @ arm.base)
+    if angle > 0:
+        k = change.turn / angle
+        K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+        base[:3, :3] = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    base[:3, 3] = change.base
+    return TrueArm(arm.kind, arm.a, arm.alpha, arm.d, arm.zero + change.zero, arm.wave, arm.sag,
+                   arm.tool + change.tool, base @ arm.base)  # fmt: skip
 
 
 SOCKETS = {"A": np.array([600.0, -150.0, 250.0]), "B": np.array([420.0, 420.0, 400.0])}

@@ -82,8 +82,8 @@ class Fault:
 @dataclass(frozen=True)
 class Truth:
     """True errors of an arm. soft (axes,): rad/Nm; waves: joint, order, amplitude (rad) and phase of each; play
-    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file; counts: of the
-    encoders per turn.
+    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file; slip: joint
+    from 0, angle (rad) above which its link is displaced, and the displacement in rad, as after a slipped tooth.
     """
 
     arm: Arm
@@ -92,6 +92,7 @@ class Truth:
     play: Array
     scatter_mm: float
     off: Constants
+    slip: tuple[int, float, float] | None = None
     counts: int = 0
 
     def reported(self, q: Array) -> Array:
@@ -104,6 +105,9 @@ class Truth:
         out = q + torque_nm(self.arm, q) * self.soft
         for joint, order, amplitude, phase in self.waves:
             out[:, joint] += amplitude * np.sin(order * q[:, joint] + phase)
+        if self.slip is not None:
+            joint, beyond, step = self.slip
+            out[:, joint] += np.where(q[:, joint] > beyond, step, 0.0)
         return out + self._lag(q, came_from)
 
     def _lag(self, q: Array, came_from: Array) -> Array:
@@ -189,14 +193,6 @@ def draw_postures(robot: Robot, rng: np.random.Generator, count: int) -> Array:
     return np.asarray(middle + half * rng.uniform(-1, 1, (count, len(low))))
 
 
-def _ball_and_inverse(arm: Arm, q: Array, ball_mm: Array) -> tuple[Array, Array]:
-    """Positions (n, 3) mm of a ball on the tool, and the pseudo-inverses (n, axes, 3) of its Jacobian."""
-    posed = pose(arm, q)
-    ball = posed.p + np.einsum("nij,j->ni", posed.R, ball_mm)
-    J = arm.coupling.T @ np.cross(posed.axis, ball[:, None] - posed.point)
-    return ball, np.linalg.pinv(J.transpose(0, 2, 1))
-
-
 def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Array, count: int) -> Array:
     """Return joint angles (count, axes) rad of the nominal arm with the ball in a socket.
 
@@ -208,9 +204,13 @@ def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Ar
     for _ in range(60):
         q = draw_postures(robot, rng, 200)
         for _ in range(25):
-            ball, inverse = _ball_and_inverse(nominal, q, ball_mm)
-            q += np.clip(np.einsum("nij,nj->ni", inverse, socket_mm - ball), -0.3, 0.3)
-        away = np.linalg.norm(_ball_and_inverse(nominal, q, ball_mm)[0] - socket_mm, axis=1)
+            posed = pose(nominal, q)
+            ball = posed.p + np.einsum("nij,j->ni", posed.R, ball_mm)
+            J = nominal.coupling.T @ np.cross(posed.axis, ball[:, None] - posed.point)
+            step = np.einsum("nij,nj->ni", np.linalg.pinv(J.transpose(0, 2, 1)), socket_mm - ball)
+            q += np.clip(step, -0.3, 0.3)
+        posed = pose(nominal, q)
+        away = np.linalg.norm(posed.p + np.einsum("nij,j->ni", posed.R, ball_mm) - socket_mm, axis=1)
         found += list(q[(away < 1e-6) & (q > low).all(axis=1) & (q < high).all(axis=1)])
         if len(found) >= count:
             return np.array(found[:count])
@@ -223,8 +223,11 @@ def corrected(robot: Robot, truth: Seen, q: Array, came_from: Array, socket_mm: 
     """
     nominal, q = arm_from(constants_of(robot)), q.copy()
     for _ in range(6):
-        _, inverse = _ball_and_inverse(nominal, q, ball_mm)
-        q += np.einsum("nij,nj->ni", inverse, socket_mm - truth.places(q, came_from, ball_mm))
+        posed = pose(nominal, q)
+        ball = posed.p + np.einsum("nij,j->ni", posed.R, ball_mm)
+        J = nominal.coupling.T @ np.cross(posed.axis, ball[:, None] - posed.point)
+        away = socket_mm - truth.places(q, came_from, ball_mm)
+        q += np.einsum("nij,nj->ni", np.linalg.pinv(J.transpose(0, 2, 1)), away)
     return q
 
 

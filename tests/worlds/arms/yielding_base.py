@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rigs.schema.robot import Robot
 from tests.worlds.arms.seven_axes import Array, Truth
@@ -21,7 +20,7 @@ from tests.worlds.chain import G_M_S2, link_frames
 class Stand:
     """A column with a height (mm), compliances (rad/Nm) about its soft and its stiff axis, and the angle (rad) of
     the soft axis from the x axis of the base. anchors: rad/Nm, about the foot; sag: mm/Nm of the moment about the
-    soft axis.
+    soft axis; firmer: relative increase of the stiffness at 200 Nm.
     """
 
     height_mm: float = 600.0
@@ -30,18 +29,39 @@ class Stand:
     turned: float = 0.0
     anchors: float = 0.0
     sag: float = 0.0
+    firmer: float = 0.0
 
     def moved(self, places: Array, moment: Array) -> Array:
         """Return places (n, 3) mm displaced by moments (n, 2) Nm about x and y at the top of the stand."""
         c, s = np.cos(self.turned), np.sin(self.turned)
         axes = np.array([[c, s, 0.0], [-s, c, 0.0]])
         about = moment @ axes[:, :2].T
+        about = about / (1 + self.firmer * np.linalg.norm(about, axis=1, keepdims=True) / 200)
         bent = (about * [self.soft, self.stiff]) @ axes
         tipped = self.anchors * about @ axes
         up = np.array([0.0, 0.0, 1.0])
         top = np.cross(bent, up) * self.height_mm / 2 + np.cross(tipped, up) * self.height_mm
-        turned = Rotation.from_rotvec(bent + tipped).apply(places)
+        turned = np.array([turn(v, p) for v, p in zip(bent + tipped, places, strict=True)])
         return np.asarray(turned + top + np.outer(self.sag * about[:, 0], up))
+
+
+def turn(v: Array, p: Array) -> Array:
+    """Rotate a point p (3,) about the origin by a rotation vector v (3,) (Rodrigues)."""
+    angle = float(np.linalg.norm(v))
+    if angle == 0:
+        return p
+    k = v / angle
+    return np.asarray(
+        p * np.cos(angle) + np.cross(k, p) * np.sin(angle) + k * (k @ p) * (1 - np.cos(angle)), dtype=float
+    )
+
+
+def _base(robot: Robot) -> Array:
+    """Base frame (4, 4) with rotations about the fixed x, y and z axes in this order."""
+    T = np.eye(4)
+    for k, angle in enumerate(np.radians(robot.base.rpy_deg)):
+        T[:3, :3] = np.array([turn(angle * np.eye(3)[k], column) for column in T[:3, :3].T]).T
+    return T
 
 
 def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
@@ -57,10 +77,9 @@ def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
         of("a_mm") + off.a, np.radians(of("alpha_deg")) + off.alpha, 0.0, of("d_mm") + off.d,
         theta + np.radians(of("offset_deg")) + off.zero,
     )  # fmt: skip
-    base = Rotation.from_euler("xyz", robot.base.rpy_deg, degrees=True).as_matrix()
     T = np.tile(np.eye(4), (*p.shape[:2], 1, 1))
-    T[:, :, :3, :3], T[:, :, :3, 3] = base @ R, p @ base.T
-    return np.asarray(T.swapaxes(0, 1))
+    T[:, :, :3, :3], T[:, :, :3, 3] = R, p
+    return np.asarray((_base(robot) @ T).swapaxes(0, 1))
 
 
 def moment_nm(robot: Robot, links: Array) -> Array:
