@@ -11,7 +11,7 @@ from analysis import load_run
 from analysis.api import diagnose
 from analysis.apps.commission.next_touch import candidates_of, hidden_causes, next_posture
 from analysis.apps.commission.what_moved import moved_of, what_moved, what_to_do
-from analysis.apps.report.movement_words import movement_sentence
+from analysis.apps.report.diagnosis_words import movement_sentence
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of
 from analysis.movement.between import find_step, without_moved

@@ -72,7 +72,7 @@ def write_page(judged: Sequence[Certified], listed: Listed, path: Path, program:
 def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
-    from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415
+    from analysis.apps.report.chart import Sheet  # noqa: PLC0415
 
     sheet, green = Sheet(9.0, 4.2), mpl.colormaps["RdYlGn"]
     panels = sheet.subplots(1, 2)

@@ -17,9 +17,8 @@ from analysis.apps.commission.next_touch import (
     next_posture,
 )
 from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
-from analysis.apps.report.diagnosis_words import sure
+from analysis.apps.report.diagnosis_words import act_after, act_of, movement_sentence, name_of, size_of, sure
 from analysis.apps.report.html_page import answer_page, write_html
-from analysis.apps.report.movement_words import act_after, act_of, movement_sentence, name_of, size_of
 from analysis.apps.report.texts import Language, Texts, capital, joined, texts_of
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.judge.result import Alike, Movement

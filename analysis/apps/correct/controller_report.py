@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from analysis.apps.correct.controller_entries import ControllerChange, ControllerEntries
-from analysis.apps.report.blocks import Block, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_words import plain
 from analysis.apps.report.texts import joined, texts_of
 from analysis.runs.tabular import pick_fields
@@ -23,20 +23,16 @@ _THIRD = 1 / 3
 
 def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
     """The values to enter, their benefit, and the check before any motion. entered: the controller has the values."""
-    maker, before, targets = entries.controller.maker, f"{entries.before_um:.0f}", f"{entries.by_targets_um:.0f}"
     note = base_note(entries.base_u_um, entries.by_targets_um)
     if not entries.entries:
-        better = entries.carried_by_targets_um >= _REPORTED_UM
-        instead = _TEXTS("entries_targets", targets=targets) if better else ""
-        return joined([_TEXTS("entries_none", maker=maker, before=before), instead, note])
+        is_better = entries.carried_by_targets_um >= _REPORTED_UM
+        instead = _TEXTS("entries_targets", error=entries) if is_better else ""
+        return joined([_TEXTS("entries_none", error=entries), instead, note])
     count = len(entries.entries)
     values = _TEXTS("entries_value" if count == 1 else "entries_values", count=count)
-    first = _TEXTS(
-        "entries_first", does=_TEXTS("entries_entered" if entered else "entries_enter", values=values), maker=maker,
-        place=entries.controller.place, before=before, after=f"{entries.after_um:.0f}", targets=targets,
-        check=_TEXTS("entries_readings_change" if entries.controller.changes_reading else "entries_readings_stay"),
-    )  # fmt: skip
-    return joined([first, note])
+    does = _TEXTS("entries_entered" if entered else "entries_enter", values=values)
+    check = _TEXTS("entries_readings_change" if entries.controller.changes_reading else "entries_readings_stay")
+    return joined([_TEXTS("entries_first", does=does, error=entries, check=check), note])
 
 
 def base_note(base_u_um: float, after_um: float) -> str:
@@ -51,26 +47,24 @@ def blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> li
     if entries.entries:
         heading = _TEXTS("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
         parts += [Heading(heading, 3), _table(entries.entries), Sentence(_TEXTS("entries_about"), "note")]
-        steps = () if entered else entries.steps
-        parts += [Sentence(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
-        source = _TEXTS("entries_source", source=controller.source)
-        parts += [Sentence(source, "note"), Sentence(controller.missing, "note")]
+        parts += [Sentence(f"{k}. {step}") for k, step in enumerate(() if entered else entries.steps, start=1)]
+        parts += paragraphs([_TEXTS("entries_source", source=controller.source), controller.missing], "note")
     if controller.scale and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Sentence(_TEXTS("entries_scale", scale=controller.scale, unit=controller.unit)))
-    parts += [Sentence(_TEXTS("entries_twins", names=", ".join(group))) for group in entries.twins]
-    parts += [
-        Sentence(_TEXTS("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}"))
+    lines = [_TEXTS("entries_twins", names=", ".join(group)) for group in entries.twins]
+    lines += [
+        _TEXTS("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}")
         for effect, um in entries.not_entered
         if um >= _REPORTED_UM
     ]
+    parts += paragraphs(lines)
     if not entries.entries:
         return parts
-    carried, before = f"{entries.carried_um:.0f}", f"{entries.before_um:.0f}"
-    gain = _TEXTS("entries_gain", carried=carried, before=before, targets=f"{entries.carried_by_targets_um:.0f}")
     before_um, after_um = entries.elsewhere_um
-    worse = "_worse" * (after_um > before_um)
-    elsewhere = _TEXTS(f"entries_elsewhere{worse}", before=f"{before_um:.0f}", after=f"{after_um:.0f}")
-    return [*parts, Sentence(gain, "strong"), Sentence(elsewhere, "doubt" if worse else "plain")]
+    is_worse = after_um > before_um
+    key = "entries_elsewhere_worse" if is_worse else "entries_elsewhere"
+    elsewhere = Sentence(_TEXTS(key, before=before_um, after=after_um), "doubt" if is_worse else "plain")
+    return [*parts, Sentence(_TEXTS("entries_gain", error=entries), "strong"), elsewhere]
 
 
 def _table(entries: Sequence[ControllerChange]) -> Table:
@@ -91,14 +85,6 @@ def _table(entries: Sequence[ControllerChange]) -> Table:
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:
     """Object for JSON and corrections.yaml."""
-    errors = {
-        "before_um": entries.before_um,
-        "after_um": entries.after_um,
-        "corrected_targets_um": entries.by_targets_um,
-        "carried_um": entries.carried_um,
-        "carried_by_corrected_targets_um": entries.carried_by_targets_um,
-        "base_u_um": entries.base_u_um,
-    }
     return {
         "name": entries.name,
         "entries": [
@@ -108,15 +94,22 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
             | {"worth_um": round(entry.worth_um, 3), "leaves_um": round(entry.leaves_um, 3)}
             for entry in entries.entries
         ],
-        "readings_deg": [short(degrees) for degrees in entries.readings_deg],
+        "readings_deg": list(map(short, entries.readings_deg)),
         "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
-        **{name: round(um, 3) for name, um in errors.items()},
+        **{name: round(getattr(entries, field), 3) for name, field in _ERRORS.items()},
         "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
         "known_only_together": entries.twins,
         "steps": entries.steps,
         "source": entries.controller.source,
         "not_found_in_public": entries.controller.missing,
     }
+
+
+_ERRORS = {
+    "before_um": "before_um", "after_um": "after_um", "corrected_targets_um": "by_targets_um",
+    "carried_um": "carried_um", "carried_by_corrected_targets_um": "carried_by_targets_um", "base_u_um": "base_u_um",
+}  # fmt: skip
+"""Errors by their name in the JSON."""
 
 
 def short(value: float) -> float:

@@ -21,14 +21,14 @@ from analysis.apps.programs.target_path import corrected_columns
 from analysis.apps.report.blocks import Block, Cell, Row, Sentence, Table, paragraphs
 from analysis.apps.report.blocks import as_object as blocks_object
 from analysis.apps.report.diagnosis_words import plain
-from analysis.apps.report.texts import joined, texts_of
+from analysis.apps.report.texts import capital, joined, texts_of
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import ANYWAY, Support, reason_against_model, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.tabular import for_json, pick_fields
+from analysis.runs.tabular import for_json, pick_fields, table_of_rows
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -37,7 +37,6 @@ from rigs.text import counted
 
 _REPORTED_MM = 1e-3
 """Minimum displacement of a target, in mm, for an uncorrected effect to be reported."""
-_HEAD = "Corrections for the cell {name} by the effects of the rig file and the calibration beside it, {date}."
 _WAYS = {
     "joint_zeros": "master each axis so that the reading at the same position is `add_deg` larger.",
     "link_constants": "enter these values into the controller if possible; dh.csv is the complete table.",
@@ -60,12 +59,13 @@ def answer_of(corrections: Corrections) -> list[Block]:
     if why := why_nothing(rig):
         blocks.append(Sentence(_TEXTS("correct_advised_against", why=why), "fail"))
     wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
-    if names := ", ".join(plain(rig, effect) for effect in wrong):
+    if wrong:
+        names = ", ".join(plain(rig, effect) for effect in wrong)
         blocks.append(Sentence(_TEXTS("correct_check_first", names=names), "watch"))
     blocks.append(Sentence(_first(corrections), "strong"))
     if rig.calibrated:
         blocks.append(Sentence(_TEXTS("correct_of_runs", um=f"{rig.calibrated.before_um:.0f}")))
-    if rows := tuple(_effect(support, rig) for support in (*corrections.effects, *corrections.calibrated)):
+    if rows := [_effect(support, rig) for support in (*corrections.effects, *corrections.calibrated)]:
         blocks.append(Table(("error", "value ± u", "corrected by", "reason"), rows, {1}))
     blocks += paragraphs((*_changes(corrections), *_path_lines(corrections)))
     if corrections.at_controller:
@@ -114,47 +114,40 @@ def _first(corrections: Corrections) -> str:
     errors = {file: error for file, error in corrections.errors.items() if error}
     sentences = [_falls(_TEXTS("correct_move_to_file", file=file.name), error) for file, error in errors.items()]
     if not sentences:
-        options = "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
-        sentences = [_falls(_TEXTS("correct_move", options=options), work, of_work=True)]
+        how = _TEXTS("correct_move" if corrections.rig.takes_programs else "correct_move_targets")
+        sentences = [_falls(how, work, of_work=True)]
     gains = any(error.gains for error in errors.values()) if corrections.errors else work.gains
     return joined([*sentences, _never_both(corrections) if gains else ""])
 
 
 def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
     """The error after a way of correction, over the work area or at the targets of a file."""
+    is_falling = error.before_um - error.after_um >= GAIN_UM
+    key = "correct_falls" if is_falling else "correct_falls_in_base" if error.gains else "correct_no_gain"
     taught = _TEXTS("correct_taught_elsewhere" if error.taught_elsewhere else "correct_taught")
-    values = {
-        "how": how, "where": _TEXTS("correct_over_work" if of_work else "correct_at_targets"), "taught": taught,
-        "before": f"{error.before_um:.0f}", "after": f"{error.after_um:.0f}", "u": f"{error.u_um:.0f}",
-    }  # fmt: skip
-    if error.before_um - error.after_um >= GAIN_UM:
-        sentence = joined([_TEXTS("correct_falls", **values), base_note(error.base_u_um, error.after_um)])
-    elif error.gains:
-        values |= {"before": f"{error.base.before_um:.0f}", "after": f"{error.base.after_um:.0f}"}
-        sentence = _TEXTS("correct_falls_in_base", **values | {"taught": f"{error.before_um:.0f}"})
-    else:
-        sentence = _TEXTS("correct_no_gain", moves=f"{error.model_um:.0f}", **values)
+    where = _TEXTS("correct_over_work" if of_work else "correct_at_targets")
+    sentence = _TEXTS(key, how=how, where=where, taught=taught, error=error)
+    note = base_note(error.base_u_um, error.after_um) if is_falling else ""
     if of_work or not error.unknown:
-        return joined([sentence, _TEXTS.not_known(error.unknown)])
-    return joined([sentence, _TEXTS("correct_outside", share=f"{max(100 * error.unknown, 1):.0f}")])
+        return joined([sentence, note, _TEXTS.not_known(error.unknown)])
+    return joined([sentence, note, _TEXTS("correct_outside", share=f"{max(100 * error.unknown, 1):.0f}")])
 
 
 def why_not(corrections: Corrections) -> str:
     """Reason for correcting nothing; empty if there are corrections."""
-    why = "" if corrections.work.gains else "corrected targets do not reduce the error over the work"
+    if why := why_nothing(corrections.rig):
+        return why
     if corrections.errors:
-        why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
-    return why_nothing(corrections.rig) or why
+        return next((f"{path.name}: {why}" for path, why in corrections.in_vain.items()), "")
+    return "" if corrections.work.gains else "corrected targets do not reduce the error over the work"
 
 
 def _never_both(corrections: Corrections) -> str:
     """Warning against correcting twice, at the controller and in the targets."""
     if not corrections.at_controller:
         return _TEXTS("correct_one_method" if corrections.rig.takes_programs else "correct_one_method_targets")
-    if not corrections.at_controller.entries:
-        return ""
-    if not corrections.path:
-        return _TEXTS("correct_entries_only")
+    if not (corrections.at_controller.entries and corrections.path):
+        return _TEXTS("correct_entries_only") if corrections.at_controller.entries else ""
     key = "correct_with_entries" if corrections.entered else "correct_without_entries"
     return _TEXTS(key, file=f"corrected-{corrections.path[0].name}")
 
@@ -166,7 +159,7 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
     accuracy = program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])
     yield _TEXTS(
         "correct_path", file=path.name, targets=counted(int(targets.done.sum()), "target"), accuracy=accuracy,
-        missed=f"{np.nanmax(targets.missed_mm):.3f}", rest=_small(np.nanmax(_left_out(targets))),
+        missed=f"{np.nanmax(targets.missed_mm):.3f}", rest=_small(np.nanmax(_left_out_mm(targets))),
     )  # fmt: skip
     rest = rest_effects(corrections.rig, corrections.effects)
     words = {label_of(effect): plain(corrections.rig, effect) for effect in rest}
@@ -178,7 +171,7 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
         yield _TEXTS("correct_path_left", targets=counted(len(targets.left), "target"))
 
 
-def _left_out(targets: CorrectedTargets) -> Array:
+def _left_out_mm(targets: CorrectedTargets) -> Array:
     """Displacement (n,) mm of each target by all uncorrected effects."""
     return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
 
@@ -194,29 +187,34 @@ def _small(mm: float) -> str:
 
 
 def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
-    """Object for JSON."""
+    """Object for JSON (see `for_json`)."""
     path = None
     if corrections.path:
         targets = corrections.path[2]
-        largest = {"missed": targets.missed_mm, "left_out": _left_out(targets), "u": targets.u_mm}
-        largest["u_frame"] = targets.u_frame_mm
+        sizes_mm = {"missed": targets.missed_mm, "left_out": _left_out_mm(targets)}
+        sizes_mm |= {"u": targets.u_mm, "u_frame": targets.u_frame_mm}
         path = {
             "targets": len(targets.q),
-            "largest_mm": {name: None if np.isnan(mm).all() else float(np.nanmax(mm)) for name, mm in largest.items()},
+            "largest_mm": {name: np.fmax.reduce(mm) for name, mm in sizes_mm.items()},  # nan only if all are
             "left_out_mm": _budget(targets),
-            "u_um": _each_um(targets.u_mm),
-            "u_frame_um": _each_um(targets.u_frame_mm),
-            "covered": targets.covered,
-            "doubts": targets.doubts,
+            "u_um": (1e3 * targets.u_mm).round(3),
+            "u_frame_um": (1e3 * targets.u_frame_mm).round(3),
+            **pick_fields(targets, "covered", "doubts"),
             "error": targets.error and program_report.error_object(targets.error),
         }
     return _contents(corrections) | {"path": path, "files": written, "blocks": blocks_object(answer_of(corrections))}
 
 
 def _contents(corrections: Corrections) -> dict[str, Any]:
+    why, left = why_not(corrections), []
+    if corrections.path:
+        _, source, targets = corrections.path
+        left = [
+            {"line": source.lines[target.place], "reason": target.reason, "why": target.what} for target in targets.left
+        ]
     return {
         "rig": corrections.rig.name,
-        "verdict": "nothing" if (why := why_not(corrections)) else "correct",
+        "verdict": "nothing" if why else "correct",
         "verdict_why": why or None,
         "controller_arm": corrections.rig.controller,
         "joint_zeros": [
@@ -239,24 +237,10 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
             for support in (*corrections.effects, *corrections.calibrated)
         ],
         "work": program_report.error_object(corrections.work),
-        "not_corrected": _not_corrected(corrections),
+        "not_corrected": left,
         "programs": [program_report.as_object(program) for program in corrections.programs],
         "controller": corrections.at_controller and controller_report.as_object(corrections.at_controller),
     }
-
-
-def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
-    if not corrections.path:
-        return []
-    _, source, targets = corrections.path
-    return [
-        {"line": source.lines[target.place], "reason": target.reason, "why": target.what} for target in targets.left
-    ]
-
-
-def _each_um(values_mm: Array) -> list[float | None]:
-    """Convert mm to µm, None for NaN."""
-    return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
 
 
 def write(corrections: Corrections, directory: Path) -> list[Path]:
@@ -264,39 +248,34 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
 
     Raises FileError if a file already exists.
     """
-    import pyarrow as pa  # noqa: PLC0415 - slow to import
-
-    from analysis.runs.written_files import holding, write_all_new, write_csv  # noqa: PLC0415
+    from analysis.runs.written_files import holding, write_all_new, write_csv  # noqa: PLC0415 - slow to import
 
     contents = _contents(corrections)
     ways = [f"{key}: {way}" for key, way in _WAYS.items() if contents.get(key) or (key == "path" and corrections.path)]
     date = dt.datetime.now(dt.UTC).date()
-    lines = [
-        _HEAD.format(name=corrections.rig.name, date=date),
-        *(ways or [_NOTHING if corrections.rig.takes_programs else "There are no values to enter: see --path."]),
-        _ONE,
-        "u: standard uncertainty.",
-    ]
-    head = "".join(f"# {line}\n" for line in lines)
-    against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
+    head = (
+        f"Corrections for the cell {corrections.rig.name} by the effects of the rig file and the calibration beside it"
+    )
+    nothing = _NOTHING if corrections.rig.takes_programs else "There are no values to enter: see --path."
+    lines = [head, *(ways or [nothing]), _ONE, "u: standard uncertainty."]
+    against = corrections.errors if why_nothing(corrections.rig) else corrections.in_vain
     if why := reason_against_model(corrections.rig) or (why_not(corrections) if corrections.errors else ""):
-        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
-    text = head + yaml.safe_dump(for_json(contents), sort_keys=False, allow_unicode=True, width=10_000)
+        lines.append(f"{capital(ANYWAY)}. Why: {why}.")
+    text = "".join(f"# {line}\n" for line in lines)
+    text += yaml.safe_dump(for_json(contents), sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:
         rows = corrected_table(corrections.rig, corrections.constants)
-        table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})
-        files["dh.csv"] = partial(write_csv, table)
+        files["dh.csv"] = partial(write_csv, table_of_rows(("axis", "name", *CONSTANTS), rows))
     if (at := corrections.at_controller) and at.entries and at.controller.files and not corrections.entered:
         values = at.controller.files(corrections.rig, {(entry.axis, entry.key): entry.add for entry in at.entries})
         files |= {name: holding(text_of_file.encode()) for name, text_of_file in values.items()}
     if corrections.path:
         given_path, path, targets = corrections.path
-        files[f"corrected-{given_path.name}"] = partial(
-            write_csv, corrected_columns(path, targets, ANYWAY if given_path in against else "")
-        )
-    for program in corrections.programs:
-        for name, data in ({} if program.held else program.files).items():
+        columns = corrected_columns(path, targets, ANYWAY if given_path in against else "")
+        files[f"corrected-{given_path.name}"] = partial(write_csv, columns)
+    for program in (program for program in corrections.programs if not program.held):
+        for name, data in program.files.items():
             if name in files:
                 remedy = "put corrected programs of the same name into different directories"
                 raise FileError(name, "would be written twice", remedy, code="program.twice")

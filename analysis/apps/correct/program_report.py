@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from analysis.correction.reasons import WHY, Reason
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 from analysis.runs.tabular import pick_fields
-from rigs.text import counted
+from rigs.text import counted, first_of
 
 _TEXTS = texts_of("en")
 _LISTED = 30
@@ -37,12 +36,17 @@ _MORE: dict[Reason, str] = {
 def blocks(program: CorrectedProgram) -> list[Block]:
     """The numbers of targets, remarks on the correction, and the uncorrected targets with their reasons."""
     count, steps, left = len(program.names), len(program.beside_left_mm), len(program.left)
-    places = f"{left or 'no'} place{'s' * (left > 1)}"
-    name, targets = program.path.name, counted(count, "target")
-    head = _TEXTS("program_head", name=name, maker=program.maker, targets=targets, places=places)
+    places = counted(left, "place") if left else "no place"
+    targets = counted(count, "target")
+    head = _TEXTS("program_head", name=program.path.name, maker=program.maker, targets=targets, places=places)
     between = _TEXTS("program_between", steps=counted(steps, "step")) if steps else ""
-    parts: list[Block] = [Heading(joined([head, between], ", "), 3), *paragraphs(_remarks(program)), *_left(program)]
-    return [*parts, Sentence(_TEXTS("program_not_tried"), "doubt")] if count else parts
+    not_tried = _TEXTS("program_not_tried") if count else ""
+    return [
+        Heading(joined([head, between], ", "), 3),
+        *paragraphs(_remarks(program)),
+        *_left(program),
+        *paragraphs([not_tried], "doubt"),
+    ]
 
 
 def _remarks(program: CorrectedProgram) -> Iterator[str]:
@@ -69,19 +73,14 @@ def _remarks(program: CorrectedProgram) -> Iterator[str]:
         yield _TEXTS("program_offset", targets=targets, mm=f"{given_away.max():.3f}")
     if program.shared:
         positions, share = counted(len(program.shared), "position"), f"{100 * REMAINING_SHARE:.0f}"
-        places = _listed(_shared(program, position) for position in program.shared)
+        places = first_of([_shared(program, position) for position in program.shared], _LISTED, "; ")
         yield _TEXTS("program_shared", positions=positions, share=share, places=places)
     if program.names and program.rounded_um.max() > _SHOWN_UM:
         yield _TEXTS("program_rounded", um=f"{program.rounded_um.max():.1f}")
     if outside := sum(map(bool, program.unknown)):
         reasons = zip(program.places, program.unknown, strict=True)
-        where = dict.fromkeys(f"{_place(program, *place)}: {why}" for place, why in reasons if why)
-        yield _TEXTS("program_outside", targets=counted(outside, "target"), places=_listed(where))
-
-
-def _listed(texts: Iterable[str]) -> str:
-    first = list(texts)
-    return "; ".join([*first[:_LISTED], *["…"] * (len(first) > _LISTED)])
+        where = [*dict.fromkeys(f"{_place(program, *place)}: {why}" for place, why in reasons if why)]
+        yield _TEXTS("program_outside", targets=counted(outside, "target"), places=first_of(where, _LISTED, "; "))
 
 
 def _left(program: CorrectedProgram) -> Iterator[Block]:
@@ -93,7 +92,7 @@ def _left(program: CorrectedProgram) -> Iterator[Block]:
             causes = [f"{_place(program, at.file, at.line)}: {at.why}" if at.line else at.why for at in left.because]
             place = _place(program, left.file, left.line)
             targets.append(f"{place}: {left.name} ({'; '.join(causes)})" if causes else f"{left.name} ({place})")
-        yield from [Sentence("; ".join(targets), "note")] * bool(targets)
+        yield from paragraphs(["; ".join(targets)], "note")
     if (others := len(program.left) - _LISTED) > 0:
         yield Sentence(_TEXTS("program_left_more", count=others), "note")
 
@@ -123,8 +122,8 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
     """Object for JSON (see `for_json`)."""
     beside, given_away = program.beside_left_mm, program.given_away_mm[np.isfinite(program.given_away_mm)]
 
-    def at(place: Any) -> dict[str, Any]:
-        return {"file": program.sources[place.file], "line": place.line}
+    def at(place: Any, *names: str) -> dict[str, Any]:
+        return {"file": program.sources[place.file]} | pick_fields(place, "line", *names)
 
     return {
         "program": program.path.name,
@@ -136,7 +135,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "neutral_routines": program.neutral,
         "start_joints_deg": np.degrees(program.start).round(6) if program.start else None,
         "beside_left": {"steps": len(beside), "mean_mm": beside.mean() if len(beside) else None},
-        "overruled": [pick_fields(one, "name", "kind") | at(one) for one in program.overruled[:_KEPT]],
+        "overruled": [at(one, "name", "kind") for one in program.overruled[:_KEPT]],
         "moved_mm": {
             "largest": program.moved_mm.max(initial=0.0),
             "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
@@ -148,27 +147,28 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             "bound_share": REMAINING_SHARE,
         },
         "shared_corrections": [
-            at(one)
-            | pick_fields(one, "name", "kind")
-            | {"before_mm": round(one.before_mm, 6), "after_mm": round(one.after_mm, 6), "unknown": one.unknown}
+            at(one, "name", "kind", "unknown")
+            | {"before_mm": round(one.before_mm, 6), "after_mm": round(one.after_mm, 6)}
             for one in program.shared[:_KEPT]
         ],
-        "notices": [at(notice) | {"text": notice.text} for notice in program.notices[:_KEPT]],
+        "notices": [at(notice, "text") for notice in program.notices[:_KEPT]],
         "named": sorted(f"--{kind} {name}" for kind, name in program.named),
         "outside_driven_ranges": sum(map(bool, program.unknown)),
         "error": program.error and error_object(program.error),
         "targets": [
-            {"name": name, "file": program.sources[program.places[k][0]], "line": program.places[k][1]}
+            {"name": name, "file": program.sources[file], "line": line}
             | {key: round(float(getattr(program, key)[k]), digits) for key, digits in _DIGITS.items()}
-            | {"outside_driven_ranges": bool(program.unknown[k]), "unknown": program.unknown[k] or None}
-            for k, name in enumerate(program.names)
+            | {"outside_driven_ranges": bool(unknown), "unknown": unknown or None}
+            for k, (name, (file, line), unknown) in enumerate(
+                zip(program.names, program.places, program.unknown, strict=True)
+            )
         ],
         "left": [
-            at(left)
+            at(left, "name", "reason")
             | {
-                "name": left.name, "reason": left.reason, "why": WHY[left.reason],
+                "why": WHY[left.reason],
                 "because": [
-                    {"file": program.sources[place.file] if place.line else None, "line": place.line, "why": place.why}
+                    at(place, "why") if place.line else {"file": None, **pick_fields(place, "line", "why")}
                     for place in left.because
                 ],
             }
@@ -184,6 +184,6 @@ _DIGITS = {"moved_mm": 6, "u_mm": 6, "u_frame_mm": 6, "rounded_um": 3, "given_aw
 
 def error_object(error: WorkError) -> dict[str, Any]:
     """Object for JSON, in µm."""
-    in_base = {name: round(um, 3) for name, um in asdict(error.base).items()}
-    sizes = {name: round(getattr(error, name), 3) for name in (*in_base, "base_u_um")}
+    in_base = {name: round(um, 3) for name, um in vars(error.base).items()}
+    sizes = {name: round(um, 3) for name, um in pick_fields(error, *in_base, "base_u_um").items()}
     return {**sizes, "unknown_share": round(error.unknown, 3), "in_base": in_base}

@@ -21,33 +21,24 @@ _CERTAIN = 2.0
 
 
 def answer_of(result: PairResult, texts: Texts) -> list[Block]:
-    names = dict(zip(("first", "second"), result.names, strict=True))
     is_better = result.left_mm < result.before_mm
-    head = texts(
-        "pair_calibrated" if is_better else "pair_not_calibrated", **names, left=f"{result.left_mm:.3f}",
-        before=f"{result.before_mm:.2f}",
-    )  # fmt: skip
-    of_first, of_second = (f"{mm:.3f}" for mm in result.unexplained_mm)
-    footer = texts(
-        "pair_footer", **names, count=result.touches, scatter=f"{result.scatter_mm:.3f}", unexplained_first=of_first,
-        unexplained_second=of_second,
-    )  # fmt: skip
+    head = texts("pair_calibrated" if is_better else "pair_not_calibrated", pair=result)
+    base = (texts("pair_base", pair=result), texts("pair_value"), "± u", "")
     arm, constant, correction, reason = map(texts, ("pair_arm", "pair_constant", "pair_correction", "pair_reason"))
-    base = (texts("pair_base", **names), texts("pair_value"), "± u", "")
     parts: list[Block] = [Sentence(head, "pass" if is_better else "watch"), Heading(texts("pair_frame_heading"))]
-    parts.append(Table(base, base_rows(result, texts), {1, 2}))
-    if rows := constant_rows(result):
+    parts.append(Table(base, _base_rows(result, texts), {1, 2}))
+    if rows := _constant_rows(result):
         parts += [Heading(texts("pair_corrections")), Table((arm, constant, correction, "± u", ""), rows, {2, 3})]
     parts += [Heading(texts("pair_not_testable")), Table((arm, constant, reason), _hidden_rows(result))]
     parts += [Sentence(texts("pair_doubt", line=line), "doubt") for line in result.doubts]
-    return [*parts, Sentence(f"{texts('pair_note')} {footer}", "note")]
+    return [*parts, Sentence(f"{texts('pair_note')} {texts('pair_footer', pair=result)}", "note")]
 
 
 def _hidden_rows(result: PairResult) -> list[Row]:
     return [(one.arm or "–", one.what, one.reason) for one in result.not_testable]
 
 
-def base_rows(result: PairResult, texts: Texts) -> list[Row]:
+def _base_rows(result: PairResult, texts: Texts) -> list[Row]:
     """Name, value, u, unit."""
     base = result.base
     places = zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True)
@@ -65,11 +56,12 @@ def _triple(values: Vector) -> str:
     return ", ".join(f"{value:z.3f}" for value in values)
 
 
-def constant_rows(result: PairResult) -> list[Row]:
+def _constant_rows(result: PairResult) -> list[Row]:
     """Certain corrections: arm, constant, correction, u, unit."""
-    certain = [it for it in result.constants if it.shown and abs(it.delta) > _CERTAIN * it.u]
     rows = list[Row]()
-    for constant in sorted(certain, key=lambda constant: (constant.arm, constant.axis, constant.key)):
+    for constant in sorted(result.constants, key=lambda constant: (constant.arm, constant.axis, constant.key)):
+        if not constant.shown or abs(constant.delta) <= _CERTAIN * constant.u:
+            continue
         digits = 3 if constant.unit == "mm" else 4
         size, u = f"{constant.delta:+.{digits}f}", f"{constant.u:.{digits}f}"
         rows.append((constant.arm, constant.symbol, size, u, constant.unit))
@@ -77,17 +69,16 @@ def constant_rows(result: PairResult) -> list[Row]:
 
 
 def page_of(result: PairResult, language: Language = "en") -> str:
-    texts, (first, second) = texts_of(language), result.names
-    return answer_page(texts("pair_title", first=first, second=second), answer_of(result, texts), language)
+    texts = texts_of(language)
+    return answer_page(texts("pair_title", pair=result), answer_of(result, texts), language)
 
 
 def plan_answer(planned: PlannedTouches) -> list[Block]:
     result = planned.expected
     shown = sum(constant.shown for constant in result.constants)
-    count = len(planned.table.q)
     first = (
-        f"{count} touches show {shown} of {len(result.constants)} constants of both arms, and the frame of "
-        f"{result.names[1]} at the work to {_triple(result.base.u_work_mm)} mm in x, y, z."
+        f"{len(planned.table.q)} touches show {shown} of {len(result.constants)} constants of both arms, and the frame "
+        f"of {result.names[1]} at the work to {_triple(result.base.u_work_mm)} mm in x, y, z."
     )
     table = Table(("arm", "constant", "reason"), _hidden_rows(result))
     return [Sentence(first, "strong"), Heading("not testable"), table]

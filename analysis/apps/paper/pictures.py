@@ -17,9 +17,8 @@ from matplotlib.figure import SubFigure
 from analysis.api import CircleCurve, Result, evaluate
 from analysis.apps.paper.published import datum_and_play, gears
 from analysis.apps.paper.rows import DIRECTIONS, SCATTER, PaperRow, eccentric, repeats, typical_seed, written
-from analysis.apps.report.chart import ChartLine, Picture
+from analysis.apps.report.chart import ChartLine, Part, Picture, as_png, sheet_of
 from analysis.apps.report.run_charts import circle_charts, joint_chart, raw_charts, target_charts
-from analysis.apps.report.still_chart import Part, as_png, sheet_of
 from analysis.apps.report.texts import texts_of
 from analysis.procedures.simulate import simulated_run
 from rigs.effects import Effect

@@ -147,7 +147,7 @@ def _plan_tests(rig_file: str, tests: str | None, runs: int, level: float, *, as
 def _propose(
     rig_file: str, tests: str | None, runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
-    from analysis.apps.planning import proposal_report
+    from analysis.apps.planning import plan_report
     from analysis.apps.planning.detectability import tests_named
     from analysis.apps.planning.proposal import propose
     from analysis.apps.report.blocks import say_answer
@@ -158,14 +158,14 @@ def _propose(
     with named_by(rig_file, rig):
         named = tests_named(rig, tests)
         if output:
-            proposal_report.refuse_earlier_proposal(rig, output)
+            plan_report.refuse_earlier_proposal(rig, output)
         with progress_of() as progress:
             proposal = propose(rig, named, runs, minutes, progress)
-    written = proposal_report.write(proposal, text, output) if output else []
+    written = plan_report.write(proposal, text, output) if output else []
     if as_json:
-        say_json(proposal_report.as_object(proposal, written))
+        say_json(plan_report.proposal_object(proposal, written))
     else:
-        say_answer(proposal_report.answer_of(proposal))
+        say_answer(plan_report.proposal_answer(proposal))
     say_written(written)
     if written:
         maker, *further = rig.makers

@@ -179,7 +179,7 @@ def _picture(series: Series, moved: Sequence[datetime]) -> Markup:
     """moved: times of movements."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
-    from analysis.apps.report.still_chart import Sheet, svg_of  # noqa: PLC0415
+    from analysis.apps.report.chart import Sheet, svg_of  # noqa: PLC0415
 
     when, values, wild = np.array([run.when for run in series.runs]), series.values, series.trend.wild
     u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)

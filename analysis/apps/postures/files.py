@@ -18,8 +18,7 @@ from analysis.apps.postures.result import Postures, Sequence, WorkMap
 from analysis.apps.postures.targets import labels_of
 from analysis.apps.programs.planned import targets_at, tracker_plan
 from analysis.apps.programs.target_path import POSES, TargetPath
-from analysis.apps.report.chart import Chart, ChartLine, Role
-from analysis.apps.report.still_chart import Part, as_png, sheet_of
+from analysis.apps.report.chart import Chart, ChartLine, Part, Role, as_png, sheet_of
 from analysis.apps.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.runs.written_files import Writer, holding, write_all_new

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_words import micrometres, percent, with_uncertainty
-from analysis.apps.report.movement_words import act_after
+from analysis.apps.report.diagnosis_words import act_after, micrometres, percent, with_uncertainty
 from analysis.apps.report.texts import Phrase, joined, keys_of
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import LEAST_SHARE

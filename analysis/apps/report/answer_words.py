@@ -12,12 +12,12 @@ from analysis.apps.report.diagnosis_words import (
     error_size,
     measured_u,
     micrometres,
+    movement_sentence,
     percent,
     plain,
     size,
     sure,
 )
-from analysis.apps.report.movement_words import movement_sentence
 from analysis.apps.report.texts import Texts, capital, joined, texts_of
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.fit.refine import size_limits

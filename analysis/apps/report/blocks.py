@@ -89,13 +89,17 @@ class Segments:
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell with further lines below and a bar, from 0 to 1 of the longest in its column."""
+    """A cell with further lines below, empty ones left out, and a bar, from 0 to 1 of the longest in its column."""
 
     text: str
-    below: tuple[str, ...] = ()
+    below: Sequence[str] = ()
     bar: float | None = None
     tone: Tone = "plain"
     link: str = ""
+
+    @property
+    def lines(self) -> list[str]:
+        return [line for line in self.below if line]
 
 
 Row = Sequence[str | Cell]
@@ -118,18 +122,16 @@ class Table:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Split into several tables if the columns of numbers do not fit on the terminal."""
-        boundless, columns = options.update(max_width=10_000), range(1, len(self.columns))
-        can_split = set(columns) <= set(self.numbers)
+        boundless, rest = options.update(max_width=10_000), range(1, len(self.columns))
+        can_split = set(rest) <= set(self.numbers)
         while True:
-            shown = _columns(self, columns)
-            while (
-                can_split and len(columns) > 1 and console.measure(shown, options=boundless).maximum > options.max_width
-            ):
+            columns = rest
+            while console.measure(shown := _columns(self, columns), options=boundless).maximum > options.max_width:
+                if not can_split or len(columns) < 2:
+                    break
                 columns = columns[:-1]
-                shown = _columns(self, columns)
             yield shown
-            columns = range(columns.stop, len(self.columns))
-            if not columns:
+            if not (rest := rest[len(columns) :]):
                 return
 
 
@@ -183,7 +185,7 @@ def _columns(table: Table, columns: range) -> RichTable:
 def _cell(cell: Cell) -> Text:
     bar = f" {'█' * max(1, round(_BAR * cell.bar))}" if cell.bar is not None else ""
     text = Text(f"{cell.text}{bar}", style=_STYLES[cell.tone])
-    for line in cell.below:
+    for line in cell.lines:
         text.append(f"\n  {line}", style="dim")
     return text
 
@@ -205,5 +207,5 @@ def _contents(block: Block) -> dict[str, Any]:
         case Segments(parts):
             return {"parts": [{"name": part.name, "share": part.share} for part in parts]}
         case Table(columns):
-            rows = [[[cell.text, *cell.below] for cell in row] for row in block.cells()]
+            rows = [[[cell.text, *cell.lines] for cell in row] for row in block.cells()]
             return {"columns": list(columns), "rows": rows}

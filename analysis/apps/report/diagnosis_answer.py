@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import SMALL_SHARE, AnswerWords
 from analysis.apps.report.blocks import (
@@ -36,15 +38,14 @@ from analysis.apps.report.diagnosis_words import (
     sure,
     with_uncertainty,
 )
-from analysis.apps.report.summary import Summary
-from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.summary_words import Summary, summarise
 from analysis.apps.report.texts import Texts, joined, texts_of
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
 from analysis.diagnosis.judge.comparison import LocatedResidual
 from analysis.diagnosis.judge.residuals import ModelResidual, ResidualPlace, Staircase
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named
+from analysis.diagnosis.judge.result import Diagnosis, Named
 from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
@@ -132,50 +133,41 @@ def _budget(words: AnswerWords) -> list[Block]:
         return []
     small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
     large = [part for part in diagnosis.budget if part not in small]
-    shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
+    shares = [part.share for part in large] + [sum(part.share for part in small)] * bool(small)
     shown = [Cell(f"{tenths / 10:.1f} %", bar=max(0.0, share / max(shares)))
              for share, tenths in zip(shares, _tenths(shares), strict=True)]  # fmt: skip
     rows = list[Row]()
     for part, share in zip(large, shown, strict=False):
-        doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
-        below = [_size_and_odds(words, part), words.likely_members(part), *doubt]
-        below += words.describe_parts_alone(part.shown_together)
-        rank = Cell(texts(f"rank_{part.rank}") if part.rank else "", tuple(filter(None, [words.times_usual(part)])))
-        name = Cell(words.part_name(part), tuple(filter(None, below)))
+        named = diagnosis.named_of(part)
+        odds = texts("likely", odds=sure(named.probability)) if named and not diagnosis.given else ""
+        doubt = texts(f"doubt_{part.doubt}") if part.doubt and part.doubt != "usual" else ""
+        below = (joined([words.size_of(part), odds], ", "), words.likely_members(part), doubt)
+        name = Cell(words.part_name(part), (*below, *words.describe_parts_alone(part.shown_together)))
+        rank = Cell(texts(f"rank_{part.rank}") if part.rank else "", (words.times_usual(part),))
         rows.append((name, share, error_size(part.um, part.u_um), rank))
     if small:
         rows.append((texts.counted("smaller_parts", len(small)), shown[-1], "", ""))
-    columns = tuple(texts(name) for name in ("part", "share", "rms_and_u", "rank"))
-    ranks = (*(part.rank or "other" for part in large), *["other"] * bool(small))
+    columns = [*map(texts, ("part", "share", "rms_and_u", "rank"))]
+    ranks = [part.rank or "other" for part in large] + ["other"] * bool(small)
     about = texts("about_budget", whole=micrometres(diagnosis.train.before_um), cut_off=f"{FAULT:g}")
     return [Table(columns, rows, {2}, ranks, "budget"), Sentence(about, "note")]
 
 
-def _size_and_odds(words: AnswerWords, part: BudgetPart) -> str:
-    """Size of an effect and its probability, which for a usual effect no other section shows."""
-    named = words.diagnosis.named_of(part)
-    if named is None or words.diagnosis.given:
-        return words.size_of(part)
-    return f"{size(named)}, {words.texts('likely', odds=sure(named.probability))}"
-
-
 def _tenths(shares: Sequence[float]) -> list[int]:
     """Shares in tenths of a percent that add up to 1000: those with the largest rounding losses are rounded up."""
-    exact = [_TENTHS * share for share in shares]
-    whole = [math.floor(tenths) for tenths in exact]
-    lost = _TENTHS - sum(whole)
-    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:lost]:
-        whole[k] += 1
-    return whole
+    exact = _TENTHS * np.array(shares)
+    whole = np.floor(exact).astype(int)
+    whole[np.argsort(whole - exact, kind="stable")[: _TENTHS - whole.sum()]] += 1
+    return list(whole)
 
 
 def _passport(words: AnswerWords) -> list[Block]:
     passport, texts = words.diagnosis.passport, words.texts
     if not (passport and passport.distances):
         return []
-    names = ", ".join(map(words.noun, passport.changed))
-    changed = texts(f"passport_{'moved' if passport.last_visit else 'changed'}", names=names) if names else ""
-    rows = tuple((texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in passport.distances.items())
+    key = "passport_moved" if passport.last_visit else "passport_changed"
+    changed = texts(key, names=", ".join(map(words.noun, passport.changed))) if passport.changed else ""
+    rows = [(texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in passport.distances.items()]
     return [Sentence(joined([texts("about_passport"), changed])), Table(("", "µm"), rows, {1})]
 
 
@@ -188,37 +180,32 @@ def _faults(words: AnswerWords) -> list[Block]:
             um, odds = micrometres(named.contribution_um), sure(named.probability)
             probable = texts("probable", name=words.noun(named.effect), um=um, odds=odds)
             by_reason.setdefault(named.doubt, []).append(probable)
-    doubted = [
-        Sentence(texts("unconfirmed", why=texts(f"doubt_{why}"), names="; ".join(names)), "note")
-        for why, names in by_reason.items()
+    notes = [
+        texts("unconfirmed", why=texts(f"doubt_{why}"), names="; ".join(names)) for why, names in by_reason.items()
     ]
     faults = sorted(diagnosis.written or diagnosis.standing, key=lambda named: -named.contribution_um)
     if not faults:
-        return list(doubted)
+        return paragraphs(notes, "note")
     keys = ("check_column_cause", "fault_size", "rms_um", "check_column_probability", "fault_rest")
-    rows = tuple(_fault(words, named) for named in faults)
-    likeliest = [Sentence(texts("likeliest_first"), "note")] if diagnosis.condition == "ambiguous" else []
-    return [
-        Table([*map(texts, keys)], rows, {1, 2, 3, 4}, ("unusual",) * len(rows), "stack"),
-        *likeliest,
-        *doubted,
-    ]
+    rows = [_fault(words, named) for named in faults]
+    likeliest = texts("likeliest_first") if diagnosis.condition == "ambiguous" else ""
+    table = Table([*map(texts, keys)], rows, {1, 2, 3, 4}, ["unusual"] * len(rows), "stack")
+    return [table, *paragraphs([likeliest, *notes], "note")]
 
 
 def _fault(words: AnswerWords, named: Named) -> Row:
     diagnosis, texts = words.diagnosis, words.texts
-    below = [f"{parameter_in_words(field)} {with_uncertainty(named.effect, field, named.sd)}"
-             for field in other_parameters(named)]  # fmt: skip
-    below += [_where(diagnosis, named, texts)]
-    twins = texts("and").join(map(words.noun, named.twins))
-    below += [texts("twins", others=twins)] if twins else []
-    below += [
-        texts("or_rival", cause=words.noun(rival.effect), size=size(rival), odds=sure(rival.probability))
-        for rival in named.rivals
-    ]
-    below += [texts("or_unknown", odds=sure(named.unknown))] if named.unknown >= LEAST_ODDS else []
+    below = [
+        *(f"{parameter_in_words(field)} {with_uncertainty(named.effect, field, named.sd)}"
+          for field in other_parameters(named)),
+        _where(diagnosis, named, texts),
+        texts("twins", others=texts("and").join(map(words.noun, named.twins))) if named.twins else "",
+        *(texts("or_rival", cause=words.noun(rival.effect), size=size(rival), odds=sure(rival.probability))
+          for rival in named.rivals),
+        texts("or_unknown", odds=sure(named.unknown)) if named.unknown >= LEAST_ODDS else "",
+    ]  # fmt: skip
     odds = "" if diagnosis.given else sure(named.probability)
-    name = Cell(words.noun(named.effect), tuple(filter(None, below)))
+    name = Cell(words.noun(named.effect), below)
     return name, size(named), f"{named.contribution_um:.1f}", odds, error_size(named.alone_um, 0.0)
 
 
@@ -242,7 +229,7 @@ def _gaps(words: AnswerWords) -> list[Block]:
     rows = list[Row]()
     for place, gap in (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen)):
         if gap is not None:
-            name = Cell(texts(f"runs_{place}"), () if gap.keeps_setup else (texts("separate_setup"),))
+            name = Cell(texts(f"runs_{place}"), ("" if gap.keeps_setup else texts("separate_setup"),))
             share = 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan  # of the energy
             explained = f"{100 * share:.1f} %" if math.isfinite(share) else ""
             rows.append((name, *words.gap_cells(gap).values(), *[explained] * has_share))
@@ -263,18 +250,17 @@ def _unexplained(words: AnswerWords) -> list[Block]:
     diagnosis, texts, residual = words.diagnosis, words.texts, words.diagnosis.residual
     share = texts("share_of_error", share=percent(residual.share))
     blocks: list[Block] = [Sentence(f"{residual.um:.1f} µm rms, {share}: {residual.words}")]
-    blocks += [Sentence(f"{runs_of(band)}, {band.part}: {band.words}", "note") for band in diagnosis.bands]
-    if residual.held_out is None:
+    blocks += paragraphs((f"{runs_of(band)}, {band.part}: {band.words}" for band in diagnosis.bands), "note")
+    if (held_out := residual.held_out) is None:
         return blocks
-    rows = tuple(remains_rows(residual.held_out, texts))
-    table = Table((texts("remains_against"), texts("remains_share")), rows)
-    noise = micrometres(residual.held_out.noise_um)
-    return [*blocks, Sentence(texts("remains", um=micrometres(residual.held_out.um), noise=noise)), table]
+    table = Table((texts("remains_against"), texts("remains_share")), remains_rows(held_out, texts))
+    remains = texts("remains", um=micrometres(held_out.um), noise=micrometres(held_out.noise_um))
+    return [*blocks, Sentence(remains), table]
 
 
 def _undetectable(diagnosis: Diagnosis) -> list[Block]:
-    names, unnamed = diagnosis.not_testable, len(diagnosis.not_testable) - _MOST_NAMES
-    listed = names_in_words(names[:_MOST_NAMES]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    names, more = diagnosis.not_testable, len(diagnosis.not_testable) - _MOST_NAMES
+    listed = names_in_words(names[:_MOST_NAMES]) + (f"; and {more} more" if more > 0 else "")
     larger = f"even if {LARGEST_FAULT:g} times larger than in a healthy arm"
     return [Sentence(f"Not visible in these tests, {larger}: {listed}", "note")] if names else []
 
@@ -283,11 +269,11 @@ def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
     if not where:
         return [Sentence("They agree everywhere within the noise.")]
     worst = sorted(where, key=lambda place: -place.sigma)[:_MOST_PLACES]
-    rows = tuple(
+    rows = [
         (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why, f"{place.rms_um:.1f}",
          f"{place.sigma:.0f}")
         for place in worst
-    )  # fmt: skip
+    ]  # fmt: skip
     columns = ("test", "part", "where", "axis", "difference", "µm rms", "sigma")
     notes = [f"and {len(where) - _MOST_PLACES} more (--json lists all)"] * (len(where) > _MOST_PLACES)
     if any(place.test in CIRCLES for place in where):
@@ -310,10 +296,6 @@ class Stairs:
 
     def step_names(self, texts: Texts) -> list[str]:
         return [self.names[0], *(texts("step_with", part=part) for part in self.names[1:])]
-
-    @property
-    def largest_um(self) -> float:
-        return max(1e-9, *(residual.um for step in self.left for residual in step))
 
 
 def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
@@ -353,8 +335,10 @@ def step_sentences(stairs: Stairs, texts: Texts) -> list[str]:
 
 
 def stairs_table(stairs: Stairs, texts: Texts) -> Table:
-    rows = list[Row]()
-    for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True):
-        rows.append((name, Cell(residual_words(used), bar=used.um / stairs.largest_um), *map(residual_words, others)))
+    largest_um = max(1e-9, *(residual.um for step in stairs.left for residual in step))
+    rows: list[Row] = [
+        (name, Cell(residual_words(used), bar=used.um / largest_um), *map(residual_words, others))
+        for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True)
+    ]
     columns = (texts("step_left"), *(texts(f"runs_{place}") for place in stairs.places))
     return Table(columns, rows, range(2, len(columns)), key="steps")

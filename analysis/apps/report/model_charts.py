@@ -11,10 +11,9 @@ from heapq import nlargest
 import numpy as np
 from matplotlib.figure import Figure, SubFigure
 
-from analysis.apps.report.chart import Chart, ChartLine, Role, marks_of, stretches
+from analysis.apps.report.chart import Chart, ChartLine, Part, Role, marks_of, sheet_of, stretches
 from analysis.apps.report.diagnosis_answer import Stairs, residual_words, stairs_of, stairs_of_model
 from analysis.apps.report.diagnosis_words import runs_of
-from analysis.apps.report.still_chart import Part, sheet_of
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.diagnosis.judge.comparison import Compared, Comparison, LocatedResidual
@@ -123,7 +122,7 @@ def _strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list
             lines.append(ChartLine(texts("so_far"), "model", x, so_far[-1], steps=so_far))
             lines.append(ChartLine(texts("still_left"), "after", x, left_um[-1], steps=left_um))
         about = texts("chart_simulated" if len(left_um) > 1 else "chart_gap", what=name), texts("caption_step")
-        labels, marks = (texts("circle_angle"), f"{texts('gap')} / µm"), marks_of(curve.turns, texts)
+        labels, marks = (texts("circle_angle"), texts("gap")), marks_of(curve.turns, texts)
         charts.append(Chart(*about, "straight", *labels, "µm", tuple(lines), marks, shaded))
     return charts
 
@@ -133,8 +132,8 @@ def _target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
     lines = [ChartLine(texts("gap_before"), "measured", x, steps_um[0], points=True)]
     if len(steps_um) > 1:
         lines.append(ChartLine(texts("still_left"), "after", x, steps_um[-1], points=True, steps=steps_um))
-    title, y_label = texts("chart_gap", what=target_map.test), f"{texts('gap')} / µm"
-    return Chart(title, texts("caption_gap_targets"), "targets", texts("reading_number"), y_label, "µm", tuple(lines))
+    about = texts("chart_gap", what=target_map.test), texts("caption_gap_targets")
+    return Chart(*about, "targets", texts("reading_number"), texts("gap"), "µm", tuple(lines))
 
 
 # ----------------------------------------------------------------------------------------------------------------------

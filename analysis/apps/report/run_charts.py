@@ -11,9 +11,19 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.spatial import KDTree
 
-from analysis.apps.report.chart import Chart, ChartLine, Frame, Picture, Role, SphereChart, marks_of
-from analysis.apps.report.still_chart import as_png, sheet_of
+from analysis.apps.report.chart import (
+    Chart,
+    ChartLine,
+    Frame,
+    Picture,
+    Role,
+    SphereChart,
+    as_png,
+    marks_of,
+    sheet_of,
+)
 from analysis.apps.report.texts import LEADING, Texts, label, texts_of
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pose import PoseResult
@@ -43,17 +53,16 @@ def _chart(
     key: str, frame: Frame, labels: tuple[str, str], unit: str, lines: Sequence[ChartLine], texts: Texts,
     **values: object,
 ) -> Chart:  # fmt: skip
-    """A chart with the title and caption of a key. labels: of both axes, with unit."""
+    """A chart with the title and caption of a key. labels: text keys of both axes."""
     title, caption = texts(f"chart_{key}", **values), texts(f"caption_{key}", **values)
-    return Chart(title, caption, frame, *labels, unit, tuple(lines))
+    return Chart(title, caption, frame, texts(labels[0]), texts(labels[1]), unit, tuple(lines))
 
 
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
-    test = group[0].test
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     charts = []
     for frame in _FRAMES:
-        for part, unit, error in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
+        for part, unit in (("angle", "°"), ("distance", "µm")):
             lines = []
             for role in _DIRECTIONS:
                 of_role = [result.curve for result in group if result.measured.run.manifest.direction == role]
@@ -61,8 +70,8 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(ChartLine(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
-            labels = texts("circle_angle"), f"{texts(error)} / {unit}"
-            chart = _chart(f"{part}_{frame}", frame, labels, unit, lines, texts, test=texts.test(test))
+            labels = "circle_angle", f"error_{part}"
+            chart = _chart(f"{part}_{frame}", frame, labels, unit, lines, texts, test=texts.test(group[0].test))
             charts.append(replace(chart, marks=marks))
     return charts
 
@@ -103,9 +112,8 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     if turns:
         phi, turn_deg = np.array(turns).T
         lines.append(ChartLine(texts("turns_back"), "model", phi, turn_deg, points=True))
-    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in reversals], texts)
-    labels = texts("circle_angle"), texts("joint_angle")
-    return replace(_chart("joints", "straight", labels, "°", lines, texts), marks=marks)
+    chart = _chart("joints", "straight", ("circle_angle", "joint_angle"), "°", lines, texts)
+    return replace(chart, marks=marks_of([(reversal.phi_deg, reversal.joint) for reversal in reversals], texts))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -132,29 +140,23 @@ def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
 
 
 def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
-    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3), by inverse squared angle (Shepard 1968)."""
-    angle = np.arccos(np.clip(nodes @ targets.T, -1.0, 1.0))
-    near = np.argsort(angle, axis=-1)[..., :_NEAR]
-    weight = 1.0 / np.maximum(np.take_along_axis(angle, near, axis=-1), 1e-6) ** 2
-    mean: Array = (weight * values_mm[near]).sum(axis=-1) / weight.sum(axis=-1)
-    return mean
+    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3), by inverse squared distance (Shepard 1968)."""
+    distance, near = KDTree(targets).query(nodes, range(1, min(_NEAR, len(targets)) + 1))
+    return np.asarray(np.average(values_mm[near], axis=-1, weights=1.0 / np.maximum(distance, 1e-6) ** 2))
 
 
 def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Picture]:
     used = curve.used
-    targets = directions(curve.polar_deg, curve.azimuth_deg)
-    polar, azimuth = np.meshgrid(
-        np.linspace(0.0, float(curve.polar_deg.max()), _GRID[0]), np.linspace(0.0, 360.0, _GRID[1]), indexing="ij"
-    )
-    grid = directions(polar, azimuth)
+    targets, deviation_mm = directions(curve.polar_deg, curve.azimuth_deg)[used], curve.deviation_mm[used]
+    polar, azimuth = np.linspace(0.0, curve.polar_deg.max(), _GRID[0]), np.linspace(0.0, 360.0, _GRID[1])
+    grid = directions(*np.meshgrid(polar, azimuth, indexing="ij"))
     names = tuple(
         f"{texts('target')} {number}: {1e3 * deviation:+z.1f} µm"
-        for number, deviation in zip(curve.target[used], curve.deviation_mm[used], strict=True)
+        for number, deviation in zip(curve.target[used], deviation_mm, strict=True)
     )
     chart = SphereChart(
-        texts("chart_sphere"), "", result.figures["radius_mm"].value, grid,
-        interpolated(targets[used], curve.deviation_mm[used], grid), targets[used], curve.deviation_mm[used], names,
-        (texts("sphere"), texts("surface"), texts("targets")),
+        texts("chart_sphere"), "", result.figures["radius_mm"].value, grid, interpolated(targets, deviation_mm, grid),
+        targets, deviation_mm, names, (texts("sphere"), texts("surface"), texts("targets")),
     )  # fmt: skip
     sphere = replace(chart, caption=texts("caption_sphere", times=f"{float(f'{chart.magnified:.2g}'):g}"))
     ways: tuple[tuple[str, Role, Mask], ...] = (("measured", "measured", used), ("not_used", "sixth", ~used))
@@ -165,8 +167,7 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
         for name, role, at in ways
         if at.any()
     ]
-    labels = texts("target"), f"{texts('error_radius')} / µm"
-    return [sphere, _chart("targets", "targets", labels, "µm", lines, texts)]
+    return [sphere, _chart("targets", "targets", ("target", "error_radius"), "µm", lines, texts)]
 
 
 def _repeatability(curve: RepeatabilityCurve, texts: Texts) -> Chart:
@@ -179,18 +180,16 @@ def _repeatability(curve: RepeatabilityCurve, texts: Texts) -> Chart:
         on_side = curve.approach == side
         lines.append(ChartLine(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
     ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
-    labels = texts("target"), f"{texts('reading')} / µm"
-    return replace(_chart("repeatability", "targets", labels, "µm", lines, texts), ticks=ticks)
+    return replace(_chart("repeatability", "targets", ("target", "reading"), "µm", lines, texts), ticks=ticks)
 
 
 def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
     """The cube stops, every pose, and each axis that was driven by itself."""
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
-    labels = texts("pose"), f"{texts('error_position')} / mm"
     charts = [] if view is None else [_plane("chart_cube", *view, texts, points=True)]
-    charts.append(_chart("pose", "targets", labels, "mm", [line], texts))
-    labels = texts("angle_of_axis"), texts("error_of_angle")
+    charts.append(_chart("pose", "targets", ("pose", "error_position"), "mm", [line], texts))
+    labels = "angle_of_axis", "error_of_angle"
     for axis in curve.axes:
         ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", axis.up_deg), ("down", "cw", axis.down_deg))
         lines = [
@@ -235,8 +234,7 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
     for name, role in zip(names, roles, strict=False):
         rows = curve.path == name
         lines.append(ChartLine(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
-    labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
-    return [plane, _chart("along", "targets", labels, "µm", lines, texts)]
+    return [plane, _chart("along", "targets", ("along_path", "error_path"), "µm", lines, texts)]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -293,6 +291,6 @@ def _circles(title: str, charts: Callable[..., Sequence[Picture]], group: Sequen
 
 
 def _targets(result: Result) -> Figure:
-    figures = [f"{label(name).strip()} {result.figures[name]}" for name in result.figures if name in LEADING]
+    figures = [f"{label(name).strip()} {figure}" for name, figure in result.figures.items() if name in LEADING]
     title = f"{result.title} · {result.measured.rig.name} · {result.name}"
     return sheet_of([title, *figures], target_charts(result, texts_of("en")))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table
 from analysis.apps.report.diagnosis_answer import summary_blocks
-from analysis.apps.report.page.before_after import BeforeAfter, now_sentence, path_blocks
+from analysis.apps.report.page.accuracy import BeforeAfter, now_sentence, path_blocks
 from analysis.apps.report.texts import texts_of
 from analysis.apps.session.next_step import Drive, Following
 from analysis.apps.session.session_plan import SessionPace, minutes_of

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from analysis.apps.report.summary import Summary, with_corrections_removed, with_driven_error, with_next
+from analysis.apps.report.summary_words import Summary, with_corrections_removed, with_driven_error, with_next
 from analysis.apps.report.texts import texts_of
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.diagnosis.judge.acts import is_done

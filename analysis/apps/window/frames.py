@@ -14,7 +14,7 @@ from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, la
 from analysis.apps.live.lap import ErrorCurve, pieces
 from analysis.apps.live.screen import event_words
 from analysis.apps.live.view import LiveView
-from analysis.apps.report.page.before_after import now_sentence
+from analysis.apps.report.page.accuracy import now_sentence
 from analysis.apps.report.texts import texts_of
 from analysis.apps.session.next_step import Drive, Infer, next_of
 from analysis.apps.session.session_answer import before_after

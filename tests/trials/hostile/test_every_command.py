@@ -172,7 +172,7 @@ def test_a_terminal_gets_colours_of_ours_alone(cell, monkeypatch):
 
 
 def test_pictures_show_dollar_signs_literally(tmp_path):
-    from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415
+    from analysis.apps.report.chart import Sheet  # noqa: PLC0415
 
     sheet = Sheet(3, 2)
     axes = sheet.subplots()

@@ -7,7 +7,7 @@ from analysis.apps.planning.proposal import (
     circle_candidates,
     propose,
 )
-from analysis.apps.planning.proposal_report import write
+from analysis.apps.planning.plan_report import write
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
 from rigs.errors import FileError, RigError

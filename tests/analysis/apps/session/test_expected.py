@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.report.blocks import Table
-from analysis.apps.report.page.before_after import BeforeAfter, now_sentence, path_blocks
+from analysis.apps.report.page.accuracy import BeforeAfter, now_sentence, path_blocks
 from analysis.apps.report.texts import keys_of, texts_of
 from analysis.apps.session.correction_step import expected_left
 from analysis.correction.deviation import Deviation, Side, Work
