@@ -1,8 +1,9 @@
-"""The report of all corrections: blocks, plain values for JSON, and the files for the cell."""
+"""The report of all corrections and of the entries of a controller: blocks, JSON, and the files for the cell."""
 
 from __future__ import annotations
 
 import datetime as dt
+import math
 from collections.abc import Iterator, Sequence
 from functools import partial, reduce
 from pathlib import Path
@@ -11,14 +12,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from analysis.apps.correct import controller_report, program_report
-from analysis.apps.correct.controller_report import base_note, short
+from analysis.apps.correct import program_report
+from analysis.apps.correct.controller_entries import ControllerChange, ControllerEntries
 from analysis.apps.correct.correct_rig import Corrections
 from analysis.apps.correct.corrected_constants import CONSTANTS, corrected_table
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.programs.target_path import corrected_columns
-from analysis.apps.report.blocks import Block, Cell, Row, Sentence, Table, paragraphs
+from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.blocks import as_object as blocks_object
 from analysis.apps.report.diagnosis_words import plain
 from analysis.apps.report.texts import capital, joined, texts_of
@@ -69,7 +70,7 @@ def answer_of(corrections: Corrections) -> list[Block]:
         blocks.append(Table(("error", "value ± u", "corrected by", "reason"), rows, {1}))
     blocks += paragraphs((*_changes(corrections), *_path_lines(corrections)))
     if corrections.at_controller:
-        blocks += controller_report.blocks(corrections.at_controller, rig, entered=corrections.entered)
+        blocks += controller_blocks(corrections.at_controller, rig, entered=corrections.entered)
     blocks += [block for program in corrections.programs for block in program_report.blocks(program)]
     if rig.controller == "unknown":
         unknown = _TEXTS("correct_controller_unknown", remedy=how_to_state_controller(rig))
@@ -105,7 +106,7 @@ def _first(corrections: Corrections) -> str:
         key = "correct_nothing_reasons" if corrections.effects else "correct_nothing"
         return joined([_TEXTS(key, um=f"{work.before_um:.0f}"), of_work])
     if corrections.at_controller:
-        first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
+        first = controller_sentence(corrections.at_controller, entered=corrections.entered)
         return joined([first, _never_both(corrections), of_work])
     if programs and all(program.held for program in programs) and not path:
         return _TEXTS("correct_none_written")
@@ -239,7 +240,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
         "work": program_report.error_object(corrections.work),
         "not_corrected": left,
         "programs": [program_report.as_object(program) for program in corrections.programs],
-        "controller": corrections.at_controller and controller_report.as_object(corrections.at_controller),
+        "controller": corrections.at_controller and controller_object(corrections.at_controller),
     }
 
 
@@ -284,3 +285,105 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
             form = maker_by(program.maker).reader.remark
             files[name] = holding(reduce(partial(with_remark, form, name), remarks, data))
     return write_all_new(directory, files)
+
+
+_REPORTED_UM = 1.0
+"""Minimum rms displacement of the tool, in µm, for an uncorrected effect to be listed."""
+_THIRD = 1 / 3
+"""Share of the squared error above which the first sentence names a cause."""
+
+
+def controller_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
+    """The values to enter, their benefit, and the check before any motion. entered: the controller has the values."""
+    note = base_note(entries.base_u_um, entries.by_targets_um)
+    if not entries.entries:
+        is_better = entries.carried_by_targets_um >= _REPORTED_UM
+        instead = _TEXTS("entries_targets", error=entries) if is_better else ""
+        return joined([_TEXTS("entries_none", error=entries), instead, note])
+    count = len(entries.entries)
+    values = _TEXTS("entries_value" if count == 1 else "entries_values", count=count)
+    does = _TEXTS("entries_entered" if entered else "entries_enter", values=values)
+    check = _TEXTS("entries_readings_change" if entries.controller.changes_reading else "entries_readings_stay")
+    return joined([_TEXTS("entries_first", does=does, error=entries, check=check), note])
+
+
+def base_note(base_u_um: float, after_um: float) -> str:
+    """Note on the position of the arm on its base, if its uncertainty is more than a third of the squared error."""
+    is_large = base_u_um**2 > _THIRD * (base_u_um**2 + after_um**2)
+    return _TEXTS("correct_base_unknown", u=f"{base_u_um / 1e3:.2g}") if is_large else ""
+
+
+def controller_blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> list[Block]:
+    """The values to enter with their benefit, the steps, and the remaining error. entered: the controller has them."""
+    controller, parts = entries.controller, list[Block]()
+    if entries.entries:
+        heading = _TEXTS("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
+        parts += [Heading(heading, 3), _table(entries.entries), Sentence(_TEXTS("entries_about"), "note")]
+        parts += [Sentence(f"{k}. {step}") for k, step in enumerate(() if entered else entries.steps, start=1)]
+        parts += paragraphs([_TEXTS("entries_source", source=controller.source), controller.missing], "note")
+    if controller.scale and any(entry.unit == "deg" for entry in entries.entries):
+        parts.append(Sentence(_TEXTS("entries_scale", scale=controller.scale, unit=controller.unit)))
+    lines = [_TEXTS("entries_twins", names=", ".join(group)) for group in entries.twins]
+    lines += [
+        _TEXTS("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}")
+        for effect, um in entries.not_entered
+        if um >= _REPORTED_UM
+    ]
+    parts += paragraphs(lines)
+    if not entries.entries:
+        return parts
+    before_um, after_um = entries.elsewhere_um
+    is_worse = after_um > before_um
+    key = "entries_elsewhere_worse" if is_worse else "entries_elsewhere"
+    elsewhere = Sentence(_TEXTS(key, before=before_um, after=after_um), "doubt" if is_worse else "plain")
+    return [*parts, Sentence(_TEXTS("entries_gain", error=entries), "strong"), elsewhere]
+
+
+def _table(entries: Sequence[ControllerChange]) -> Table:
+    is_length = any(entry.now is not None for entry in entries)
+    columns = ("add to", *["now"] * is_length, "value", "± u", "unit", "reading", "tool moves", "± u (tool)")
+    rows = []
+    for entry in entries:
+        # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
+        digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
+        now = ["" if entry.now is None else f"±{entry.now:g}"] * is_length
+        value = f"{entry.add:+z.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit
+        reading = f"{entry.reading_deg:+z.4f}°" if entry.reading_deg else "same"
+        turns_only = not round(entry.worth_um)
+        moves = ("turns only", "") if turns_only else (f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
+        rows.append((entry.parameter, *now, *value, reading, *moves))
+    return Table(columns, rows, set(range(1, len(columns))) - {3 + is_length})
+
+
+def controller_object(entries: ControllerEntries) -> dict[str, Any]:
+    """Object for JSON and corrections.yaml."""
+    return {
+        "name": entries.name,
+        "entries": [
+            pick_fields(entry, "parameter", "axis")
+            | {"add": short(entry.add), "u": short(entry.u), "unit": entry.unit}
+            | {"now": entry.now and short(entry.now), "reading_deg": short(entry.reading_deg)}
+            | {"worth_um": round(entry.worth_um, 3), "leaves_um": round(entry.leaves_um, 3)}
+            for entry in entries.entries
+        ],
+        "readings_deg": list(map(short, entries.readings_deg)),
+        "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
+        **{name: round(getattr(entries, field), 3) for name, field in _ERRORS.items()},
+        "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
+        "known_only_together": entries.twins,
+        "steps": entries.steps,
+        "source": entries.controller.source,
+        "not_found_in_public": entries.controller.missing,
+    }
+
+
+_ERRORS = {
+    "before_um": "before_um", "after_um": "after_um", "corrected_targets_um": "by_targets_um",
+    "carried_um": "carried_um", "carried_by_corrected_targets_um": "carried_by_targets_um", "base_u_um": "base_u_um",
+}  # fmt: skip
+"""Errors by their name in the JSON."""
+
+
+def short(value: float) -> float:
+    """Round to nine digits, more than any controller accepts."""
+    return float(f"{value:.9g}")

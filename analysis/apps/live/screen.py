@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from textwrap import wrap
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rich.align import Align
@@ -71,7 +71,8 @@ def gauge_panel(view: LiveView, controls: LiveControls, k: int, scale: int, widt
         # Two decimals fewer than a reading: a slope over two seconds is not more accurate.
         rate = f" {slope * units.per_mm:+.{max(0, units.decimals - 1)}f}/s" if sign else " steady"
         head.append((f"  {_ARROWS[sign]}{rate}", "" if sign else "dim"))
-    shown = _text(view, controls, k, reading.mm)
+    room = len(_widest(view, controls, k))
+    shown = f"{(reading.mm - controls.zero_mm[k]) * units.per_mm:{room}.{units.decimals}f}"
     digits = [row_of((shown, "bold"))]
     if width_of(shown, scale) <= width - 1:
         digits = large(shown, scale, "dim" if old else f"bold {colour}")
@@ -113,40 +114,32 @@ def lap_row(view: LiveView, width: int) -> Text:
     return row_of(angle, way, words, (bar, direction_colour(sense)), part)
 
 
-def _text(view: LiveView, controls: LiveControls, k: int, mm: float) -> str:
-    """Reading with the width of the largest previous one, which keeps the figures in place."""
-    units = controls.units
-    widest = f"{-abs(_widest(view, controls, k) - controls.zero_mm[k]) * units.per_mm:.{units.decimals}f}"
-    return f"{(mm - controls.zero_mm[k]) * units.per_mm:{len(widest)}.{units.decimals}f}"
-
-
-def _widest(view: LiveView, controls: LiveControls, k: int) -> float:
-    values = [] if view.extremes_mm is None else [float(mm) for mm in view.extremes_mm[k] if math.isfinite(mm)]
-    name = f"g{k + 1}"
-    values += [view.readings[name].mm] if name in view.readings else []
-    return max(values, key=lambda mm: abs(mm - controls.zero_mm[k]), default=0.0)
+def _widest(view: LiveView, controls: LiveControls, k: int) -> str:
+    """The largest reading so far with a sign, whose width keeps the figures in place."""
+    units, name = controls.units, f"g{k + 1}"
+    every_mm = [*([] if view.extremes_mm is None else view.extremes_mm[k])]
+    every_mm += [view.readings[name].mm] if name in view.readings else []
+    largest_mm = max((abs(mm - controls.zero_mm[k]) for mm in every_mm if math.isfinite(mm)), default=0.0)
+    return f"{-largest_mm * units.per_mm:.{units.decimals}f}"
 
 
 def _range_row(view: LiveView, controls: LiveControls, k: int, width: int) -> Text:
     if view.extremes_mm is None or not np.isfinite(view.extremes_mm[k]).all():
         return Text()
-    low, high = (float(mm) for mm in view.extremes_mm[k])
+    low, high = view.extremes_mm[k].tolist()
     units, zero = controls.units, controls.zero_mm[k]
     least, most = (f"{(mm - zero) * units.per_mm:.{units.decimals}f}" for mm in (low, high))
     ranges = view.cell.range_mm if view.cell else ()
     stated = ranges[k] if k < len(ranges) else None
-    ends = stated or (low, high)
     length = width - len(least) - len(most) - 11
     if length < 5:
         return row_of((f"min {least}  max {most}", "dim"))
-
-    def place(mm: float) -> int:
-        return round((length - 1) * min(max((mm - ends[0]) / max(ends[1] - ends[0], 1e-12), 0.0), 1.0))
-
+    shown_mm = low, high, view.readings[f"g{k + 1}"].mm
+    places = np.interp(shown_mm, stated or (low, max(high, low + 1e-9)), (0, length - 1))
+    first, last, at = places.round().astype(int)
     bar = ["·" if stated else "─"] * length
-    bar[place(low) : place(high) + 1] = "─" * (place(high) + 1 - place(low))
+    bar[first : last + 1] = "─" * (last + 1 - first)
     bar[0], bar[-1] = "├", "┤"
-    at = place(view.readings[f"g{k + 1}"].mm)
     left, right = "".join(bar[:at]), "".join(bar[at + 1 :])
     return row_of((f"min {least} {left}", "dim"), ("●", GAUGE_COLOURS[k]), (f"{right} max {most}", "dim"))
 
@@ -195,7 +188,7 @@ def joints_panel(view: LiveView) -> Text:
         turned = f"{view.reversal_counts[k]} rev, last {_place(last)}" if last else ""
         rows.append(
             row_of(
-                (f"{k + 1} ", "bold"), f"{name[:9]:<9} {angle:z9.3f}° ", {1: "▲", -1: "▼", 0: "■"}[sense],
+                (f"{k + 1} ", "bold"), f"{name[:9]:<9} {angle:z9.3f}° ", _ARROWS[sense],
                 (f"{pace:<11}", "dim"), (turned, direction_colour(last.sense) if last else ""),
             )
         )  # fmt: skip
@@ -302,13 +295,13 @@ class LiveScreen:
             panels = _panels(self.view, self.controls, width, height - rows - 1)
             shown = Styled(panels, "dim") if self.view.lost else panels  # the last known state
             name = self.view.cell.name if self.view.cell else (self.view.state or {}).get("rig", "rig live")
-            body = _column([(row_of((f"{name}  ", "bold"), *_state_of(self.view)), 1), (shown, None)])
-        yield from console.render(_column([(body, None), (foot, rows)]), options)  # `yield` would drop the height
+            body = _split([(row_of((f"{name}  ", "bold"), *_state_of(self.view)), 1), (shown, None)])
+        yield from console.render(_split([(body, None), (foot, rows)]), options)  # `yield` would drop the height
 
 
 def _panels(view: LiveView, controls: LiveControls, width: int, height: int) -> Layout:
     figures = 3 if width >= _THREE_WIDE else 2
-    widest = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
+    widest = max((_widest(view, controls, k) for k in range(2)), key=len)
     scale = _largest_scale(widest, width // figures, 1 if height < 28 else _LARGEST_SCALE)
     links = 1 + len(view.state["streams"]) if view.state else 0 if view.played else 4
     links = min(links, max(4, height // 6))
@@ -317,8 +310,8 @@ def _panels(view: LiveView, controls: LiveControls, width: int, height: int) -> 
         gauges.append(angle_panel(view, controls, scale, width // figures))
     free = height - gauge_rows(scale) - links
     trace = max(3, free // 4)
-    return _column([
-        (_row([(gauge, None) for gauge in gauges]), gauge_rows(scale)),
+    return _split([
+        (_split([(gauge, None) for gauge in gauges], "row"), gauge_rows(scale)),
         (_middle(view, controls, width, free - trace, with_angle=figures == 2), None),
         (Plot(partial(draw_trace, view, controls)), trace),
         (links_panel(view, links), links),
@@ -328,33 +321,30 @@ def _panels(view: LiveView, controls: LiveControls, width: int, height: int) -> 
 def _middle(view: LiveView, controls: LiveControls, width: int, height: int, *, with_angle: bool) -> Layout:
     curves = shown_curves(view)
     side = min(2 * height + 2, width // 2)
-    right: list[tuple[RenderableType, int | None]] = [("", 1)]
+    right: list[_Part] = [("", 1)]
     if with_angle and height >= 14:
         right = [(angle_panel(view, controls, 1, width - side), gauge_rows(1)), ("", 1)]
     elif with_angle:
         degrees = angle_deg(view, controls.zero_mm)
         shown = f"{angle_name(view)} {degrees:z.4f}°" if degrees is not None else ""
         right = [(below_each_other(row_of((shown, "bold")), lap_row(view, width - side)), 2)]
-    below = _column([(joints_panel(view), _JOINT_ROWS), (events_panel(view, height), None)])
+    below = _split([(joints_panel(view), _JOINT_ROWS), (events_panel(view, height), None)])
     if width >= _STRAIGHT:
         plot = Plot(partial(draw_straight, view, controls, curves))
-        below = _row([(below, min(66, (width - side) // 2)), (plot, None)])
+        below = _split([(below, min(66, (width - side) // 2)), (plot, None)], "row")
     circle = Plot(partial(draw_circle, view, controls, curves))
-    return _row([(circle, side), (_column([*right, (below, None)]), None)])
+    return _split([(circle, side), (_split([*right, (below, None)]), None)], "row")
 
 
-def _column(parts: Sequence[tuple[RenderableType, int | None]]) -> Layout:
-    layout = Layout()
-    layout.split_column(*(Layout(_indented(part), size=size) for part, size in parts if size != 0))
+_Part = tuple[RenderableType, int | None]
+"""A part of the screen and its height or width; None for the rest."""
+
+
+def _split(parts: Sequence[_Part], way: Literal["column", "row"] = "column") -> Layout:
+    """Only text needs a margin on the left."""
+    layout, shown = Layout(), list[Layout]()
+    for part, size in parts:
+        has_margin = not isinstance(part, Layout | Plot | Styled | Align)
+        shown += [Layout(Padding(part, (0, 0, 0, 1)) if has_margin else part, size=size)] * (size != 0)
+    layout.split(*shown, splitter=way)
     return layout
-
-
-def _row(parts: Sequence[tuple[RenderableType, int | None]]) -> Layout:
-    layout = Layout()
-    layout.split_row(*(Layout(_indented(part), size=size) for part, size in parts))
-    return layout
-
-
-def _indented(part: RenderableType) -> RenderableType:
-    """Text with a margin on the left, which other panels do not need."""
-    return part if isinstance(part, Layout | Plot | Styled | Align) else Padding(part, (0, 0, 0, 1))

@@ -9,7 +9,7 @@ from itertools import takewhile
 
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import act_after, micrometres, percent, with_uncertainty
-from analysis.apps.report.texts import Phrase, joined, keys_of
+from analysis.apps.report.texts import extended, joined
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import LEAST_SHARE
 from analysis.diagnosis.plan.plan_next import JOINED
@@ -45,8 +45,7 @@ class ActWords(AnswerWords):
         is_instead = "load" in earlier and act.kind in (*REPAIRS, "check")
         instead = self.texts("act_instead") if is_instead and not corrected else ""
         sentence, against = joined([condition, self.what(act), self.removes(act), instead]), self.against(act)
-        keys = (*keys_of(sentence), *keys_of(against))
-        return Phrase(f"{sentence.removesuffix('.')} ({against}).", keys) if against else sentence
+        return extended(sentence, against, "{} ({}).")
 
     def what(self, act: Act) -> str:
         texts = self.texts
@@ -78,10 +77,10 @@ class ActWords(AnswerWords):
         )
 
     def imperative(self, act: Act) -> str:
-        if act.kind == "load":
-            step = self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
-            return joined([step, self.texts("do_write_model") if self._unwritten_model(act) else ""])
-        return self.texts("do_convert") if act.kind == "convert" else self.what(act)
+        if act.kind != "load":
+            return self.texts("do_convert") if act.kind == "convert" else self.what(act)
+        step = self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
+        return joined([step, self.texts("do_write_model") if self._unwritten_model(act) else ""])
 
     def commands(self, act: Act) -> str:
         """The command of an act, and of a correction also the command that uses the model written by the first."""
@@ -103,8 +102,7 @@ class ActWords(AnswerWords):
     def action_of(self, act: Act) -> str:
         """An act in a few words. A correction says whether it compensates the faults or precedes their repair."""
         if act.kind == "load" and self.diagnosis.standing:
-            remaining = self.not_compensated
-            names = dict.fromkeys(self._numbered(effect) or self.noun(effect) for effect in remaining)
+            names = dict.fromkeys(self._numbered(effect) or self.noun(effect) for effect in self.not_compensated)
             key = "do_now_load_first" if names else "do_now_load_fault"
             return self.texts(key, axes=self.texts("and").join(names))
         axis, key = self._numbered(act.effect), f"do_now_{act.kind}"
@@ -155,22 +153,15 @@ class ActWords(AnswerWords):
         return joined([self.texts("act_uncovers", others=uncovered) if is_uncovered else "", sentence])
 
     def against(self, act: Act) -> str:
-        texts, phrases = self.texts, []
-        rivals = [
-            rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
-        ]
-        nouns = {name_of(effect): self.noun(effect) for effect in rivals}
-        for remark in act.against:
-            if act.kind == "measure" and act.test is None and remark.why == "no_place":
-                continue  # the instruction already mentions it
-            if remark.why == "not_judged_elsewhere":
-                continue  # the error after the act states it once
-            if remark.why == "doubt" and remark.doubt:
-                phrases.append(texts(f"doubt_{remark.doubt}"))
-            else:
-                names = texts("or").join(nouns.get(name, name) for name in remark.names)
-                count = "" if remark.runs is None else remark.runs
-                phrases.append(texts(f"against_{remark.why}", names=names, count=count))
+        named = next((named for named in self.diagnosis.effects if named.effect == act.effect), None)
+        nouns = {name_of(rival.effect): self.noun(rival.effect) for rival in (named.rivals if named else ())}
+        # The instruction of a measurement already mentions the missing place, the error after the act its validation
+        stated = {"not_judged_elsewhere", *["no_place"] * (act.kind == "measure" and act.test is None)}
+        phrases = []
+        for remark in (remark for remark in act.against if remark.why not in stated):
+            names = self.texts("or").join(nouns.get(name, name) for name in remark.names)
+            key = f"doubt_{remark.doubt}" if remark.doubt else f"against_{remark.why}"
+            phrases.append(self.texts(key, names=names, count=remark.runs))
         return joined(phrases, "; ")
 
     def parts(self, act: Act) -> str:

@@ -125,8 +125,8 @@ class AnswerWords:
     def contradictions(self) -> list[str]:
         return [
             self.texts(
-                "finding_contradicted", constant=self.constant_name(made), stated=str(made.stated),
-                measured=str(made.by_readings), difference=f"{abs(made.difference):.3g} {made.stated.sign}",
+                "finding_contradicted", constant=self.constant_name(made), stated=made.stated,
+                measured=made.by_readings, difference=f"{abs(made.difference):.3g} {made.stated.sign}",
             )
             for made in self.diagnosis.contradictions
         ]  # fmt: skip
@@ -137,12 +137,10 @@ class AnswerWords:
     @property
     def visits(self) -> str:
         """The difference between repeats or between two gauges; empty if it is usual."""
-        residual = self.diagnosis.residual
-        if residual.visits_um:
-            return self.of_places("finding_repeats_differ", um=_length(residual.visits_um))
-        if residual.gauges_um:
-            return self.texts("finding_gauges_differ", um=_length(residual.gauges_um))
-        return ""
+        visits_um, gauges_um = self.diagnosis.residual.visits_um, self.diagnosis.residual.gauges_um
+        if visits_um:
+            return self.of_places("finding_repeats_differ", um=_length(visits_um))
+        return self.texts("finding_gauges_differ", um=_length(gauges_um)) if gauges_um else ""
 
     def of_places(self, *keys: str, **values: object) -> str:
         """The first text that exists, in its variant for runs of poses or touches, which have no ball and gauges."""
@@ -203,8 +201,11 @@ class AnswerWords:
     def likely_members(self, part: BudgetPart) -> str:
         """The effects of which one may cause a group of small errors; empty if none is likely."""
         likely = [member for member in part.members if member.odds >= LEAST_ODDS][:_MOST_NAMED]
-        members = [f"{self.noun(member.effect)} ({sure(member.odds)})" for member in likely]
+        members = [self.with_odds(member.effect, member.odds) for member in likely]
         return self.texts("likely_members", members=self.texts("or").join(members)) if members else ""
+
+    def with_odds(self, effect: Effect, odds: float) -> str:
+        return f"{self.noun(effect)} ({sure(odds)})"
 
     def times_usual(self, part: BudgetPart) -> str:
         times = part.times_usual
@@ -236,19 +237,15 @@ class AnswerWords:
     def usual_or_faults(self) -> str:
         """Effects of usual size that may be faults; empty if more runs would decide."""
         diagnosis = self.diagnosis
-        open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
         if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
             return ""
-        return joined(
-            self.texts(
-                "finding_usual_or_fault", share=percent(share_of(diagnosis, named)), usual=self.noun(named.effect),
-                odds=sure(named.probability),
-                faults=self.texts("or").join(
-                    f"{self.noun(rival.effect)} ({sure(rival.probability)})" for rival in fault_rivals(named)
-                ),
-            )
-            for named in open_ones[:_MOST_NAMED]
-        )  # fmt: skip
+        sentences = []
+        for named in [named for named in diagnosis.effects if fault_rivals(named)][:_MOST_NAMED]:
+            faults = [self.with_odds(rival.effect, rival.probability) for rival in fault_rivals(named)]
+            share, odds = percent(share_of(diagnosis, named)), sure(named.probability)
+            values = {"share": share, "usual": self.noun(named.effect), "odds": odds}
+            sentences.append(self.texts("finding_usual_or_fault", **values, faults=self.texts("or").join(faults)))
+        return joined(sentences)
 
     @property
     def condition_sentence(self) -> str:
@@ -258,55 +255,53 @@ class AnswerWords:
             limit = min((abs(limit) for limit in size_limits(named.effect) if limit), default=math.inf)
             unit = quantity_of(named.effect, size_field(named.effect), {}).sign
             nouns = self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
-            return self.texts(
-                "finding_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip()
-            )
-        which, values = self._condition()
-        unusual = [
-            ", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(self.diagnosis)
-        ]
+            values = {"size": size(named), "limit": f"{limit:.4g} {unit}".rstrip()}
+            return self.texts("finding_out_of_range", parameter=nouns, **values)
+        unusual = [f"{self.short_name(part)}, {self.times_usual(part)}" for part in unusual_groups(self.diagnosis)]
         larger = self.texts("finding_unusual_group", parts=self._listed(unusual)) if unusual else ""
-        return joined([self.texts(f"finding_{which}", **values), larger])
+        return joined([self._condition(), larger])
 
-    def _condition(self) -> tuple[str, dict[str, str]]:
-        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.residual.um)}
-        if (scatter_um := diagnosis.residual.scatter_um) and is_mostly_scatter(diagnosis):
-            return "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
+    def _condition(self) -> str:
+        diagnosis, residual, key = self.diagnosis, self.diagnosis.residual, str(self.diagnosis.condition)
+        if residual.scatter_um and is_mostly_scatter(diagnosis):
+            # of a place, like every error
+            return self.texts("finding_scatter", um=_length(math.sqrt(3) * residual.scatter_um))
         if is_complete(diagnosis):
             return self._complete()
-        if diagnosis.condition == "undecided":
+        if key == "undecided":
             return self._undecided()
-        if diagnosis.condition == "outside_library":
-            return "unexplained_there" if diagnosis.residual.at_new_places else "unexplained", values
-        if diagnosis.condition in HARMLESS and diagnosis.movements:
-            return "nothing_else", values
-        single = any(part.index is not None for part in large_parts(diagnosis))
-        is_usual = diagnosis.condition == "uncalibrated" and single
-        return "nothing_unusual" if is_usual else diagnosis.condition, values
+        if key == "outside_library":
+            key = "unexplained_there" if residual.at_new_places else "unexplained"
+        elif key in HARMLESS and diagnosis.movements:
+            key = "nothing_else"
+        elif key == "uncalibrated" and any(part.index is not None for part in large_parts(diagnosis)):
+            key = "nothing_unusual"
+        return self.texts(f"finding_{key}", um=micrometres(residual.um))
 
-    def _complete(self) -> tuple[str, dict[str, str]]:
+    def _complete(self) -> str:
         """The sentence on a complete model: at how many places repeated readings still differ."""
-        diagnosis, places = self.diagnosis, len(self.diagnosis.where)
+        diagnosis = self.diagnosis
         if not (diagnosis.repeated and len(diagnosis.runs) > 1):
-            return "model_sufficient", {"um": micrometres(diagnosis.residual.um)}
-        if not places:
-            return "model_complete", {"um": micrometres(diagnosis.residual.um)}
+            return self.texts("finding_model_sufficient")
+        if not diagnosis.where:
+            return self.texts("finding_model_complete")
         largest = micrometres(max(place.rms_um for place in diagnosis.where))
-        return f"nearly_complete{'_single' * (places == 1)}", {"count": str(places), "largest": largest}
+        return self.texts.counted("finding_nearly_complete", len(diagnosis.where), largest=largest)
 
-    def _undecided(self) -> tuple[str, dict[str, str]]:
+    def _undecided(self) -> str:
         """Why no part can be confirmed: the number of runs, an open question, or an imitation."""
-        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.residual.um)}
-        doubts = {named.doubt for named in diagnosis.effects}
-        if diagnosis.runs_to_decide is None and self.unrepeated:
-            return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated", values
-        reason = next((doubt for doubt in ("commanded", "unexplained") if doubt in doubts), None)
-        if diagnosis.runs_to_decide is None and reason:
-            return f"undecided_{reason}", values
-        if not (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):
-            return "undecided", values
+        doubts = {named.doubt for named in self.diagnosis.effects}
+        if self.diagnosis.runs_to_decide is None:
+            if self.unrepeated:
+                return self.texts(f"finding_undecided_{'unexplained' if 'unexplained' in doubts else 'unrepeated'}")
+            for doubt in IMITATED[::-1]:  # commanded angles first
+                if doubt in doubts:
+                    return self.texts(f"finding_undecided_{doubt}")
+        if not (imitated := [named for named in self.diagnosis.effects if named.doubt in IMITATED]):
+            return self.texts("finding_undecided")
         most = max(imitated, key=lambda named: named.contribution_um)
-        return "not_confirmed", {"name": capital(self.noun(most.effect)), "why": self.texts(f"doubt_{most.doubt}")}
+        why = self.texts(f"doubt_{most.doubt}")
+        return self.texts("finding_not_confirmed", name=capital(self.noun(most.effect)), why=why)
 
     @property
     def unexplained_too(self) -> str:
@@ -331,11 +326,8 @@ class AnswerWords:
         return self.texts("finding_follows", subject=subject, share=percent(followed.share))
 
     def _listed(self, phrases: Sequence[str]) -> str:
-        ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
-        return "; ".join([*phrases[:_MOST_NAMED], *ending])
-
-    def with_rivals(self, named: Named) -> str:
-        return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
+        more = len(phrases) - _MOST_NAMED
+        return joined([*phrases[:_MOST_NAMED], self.texts("and_more", count=more) if more > 0 else ""], "; ")
 
     def likeliest_first(self, named: Named) -> list[Named | Rival]:
         return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.probability)

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.texts import LEADING, Texts, in_order, joined, texts_of
 from analysis.procedures.circle import CircleResult
-from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, figure_columns, pairs_of, pooled
+from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pooled, figure_columns, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.quantity import Quantity
 from rigs.errors import FileError
@@ -75,10 +75,11 @@ class Column:
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
     """The mean of repeated runs, each other run, and the comparison of both directions."""
-    columns, notes = [], {"mean": "mean_of_runs", "pairs": "pairs"}
+    columns = []
     for column in figure_columns(group):
         title = texts("acw_against_cw") if column.kind == "pairs" else column.direction
-        note = column.run if column.kind == "run" else texts(notes[column.kind], count=column.count)
+        key = "mean_of_runs" if column.kind == "mean" else "pairs"
+        note = column.run if column.kind == "run" else texts(key, count=column.count)
         below = {name: f"{texts('sd')} {sd}" for name, sd in column.sd.items()}
         columns.append(Column(joined([title, note], ", "), column.figures, below))
     return columns
@@ -93,8 +94,7 @@ def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]
             figure = column.figures.get(name)
             is_unplaced = figure and name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG
             text = texts("no_place") if is_unplaced else figure_in_words(name, figure) if figure else ""
-            line = column.below.get(name, "") if figure and text == str(figure) else ""
-            cells.append(Cell(text, (line,) if line else ()))
+            cells.append(Cell(text, (column.below.get(name, "") if figure and text == str(figure) else "",)))
         rows.append((texts.label(name), *cells))
     ranks = (*("unusual" if name in LEADING else "" for name in names), *[""] * len(more))
     titles = (texts("value_and_u"), *(column.title for column in columns))
@@ -108,7 +108,7 @@ def answer_of(
     texts, blocks = texts_of("en"), list[Block]()
     truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     for group in by_test(results):
-        repeated = [means for means in pooled(group) if means.figures]
+        repeated = any(means.figures for means in pooled(group))
         blocks.append(Heading(f"{group[0].measured.rig.name} · {texts.test(group[0].test)}"))
         if not truths:
             columns = columns_of(group, texts)
@@ -142,8 +142,7 @@ def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:
 
 
 def remarks_of(group: Sequence[Result]) -> list[str]:
-    lines = (*lag_in_words(pairs_of(group), group), *eccentricities_in_words(group), *warmth_in_words(group))
-    return [what_u_is(group), *lines]
+    return [what_u_is(group), *_lag_lines(group), *eccentricities_in_words(group), *_warmth_lines(group)]
 
 
 def what_u_is(group: Sequence[Result]) -> str:
@@ -166,34 +165,35 @@ def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
 
 
 def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
-    apart_mm = []
+    apart_um = 0.0
     for result in group:
         angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
         if angle and distance and abs(angle.value - distance.value) > _BEYOND * np.hypot(angle.u, distance.u):
-            apart_mm.append(abs(angle.value - distance.value))
-    words = "the two estimates of the ball's place, by angle and by distance, differ by {:.0f} µm: take this as the "
-    return [f"{words.format(1000 * max(apart_mm))}uncertainty of the place"] if apart_mm else []
+            apart_um = max(apart_um, 1000 * abs(angle.value - distance.value))
+    words = f"the two estimates of the ball's place, by angle and by distance, differ by {apart_um:.0f} µm: take this "
+    return [f"{words}as the uncertainty of the place"] if apart_um else []
 
 
-def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    if not isinstance(group[0].found, CircleResult):
+def _lag_lines(group: Sequence[Result]) -> list[str]:
+    driven, both = group[0].found, pairs_of(group)
+    if not isinstance(driven, CircleResult):
         return []
     if both is None:
         return ["a single direction cannot show a lag between gauges and robot: analyse acw and cw together"]
-    lag, lines = both.lag, list(both.refused)
-    if lag is None:
-        return lines
-    if abs(lag.value) < 2 * lag.u:
-        return [*lines, f"no significant lag between gauges and robot: {lag}"]
-    driven = both.runs[0][0].found
-    rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
-    off_deg = np.degrees(rad_s * abs(lag.value) / 1000)
-    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {off_deg:.2g}° in opposite "
-    words += "directions, which their u does not include; describe the gauge by `timing` in the rig file, or run rig "
-    return [*lines, f"{words}diagnose"]
+    if (lag := both.lag) is None:
+        return list(both.refused)
+    line = f"no significant lag between gauges and robot: {lag}"
+    if abs(lag.value) >= 2 * lag.u:
+        off_deg = np.degrees(abs(driven.curve.rate * lag.value) / 1000)
+        line = (
+            f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {off_deg:.2g}° in opposite "
+            "directions, which their u does not include; describe the gauge by `timing` in the rig file, or run rig "
+            "diagnose"
+        )
+    return [*both.refused, line]
 
 
-def warmth_in_words(group: Sequence[Result]) -> list[str]:
+def _warmth_lines(group: Sequence[Result]) -> list[str]:
     lines = []
     for result in group:
         if warmth := result.measured.condition.warmth:
@@ -211,17 +211,16 @@ def doubts_of(group: Sequence[Result]) -> list[tuple[Result, str]]:
 
 def doubt_lines(doubts: Sequence[tuple[Result, str]], *, with_title: bool = False) -> list[str]:
     """Each doubt with its runs. Doubts that differ only in figures appear once."""
-    runs_of_doubt: dict[str, list[str]] = {}
+    alike: dict[str, dict[str, list[str]]] = {}
     for result, doubt in doubts:
-        runs_of_doubt.setdefault(doubt, []).append(f"{result.title}, {result.name}" if with_title else result.name)
-    alike: dict[str, list[str]] = {}
-    for doubt in runs_of_doubt:
-        alike.setdefault(_FIGURE.sub("0", doubt), []).append(doubt)
+        run = f"{result.title}, {result.name}" if with_title else result.name
+        alike.setdefault(_FIGURE.sub("0", doubt), {}).setdefault(doubt, []).append(run)
     lines = []
-    for first, *others in alike.values():
-        count = sum(len(runs_of_doubt[doubt]) for doubt in others)
+    for runs_of_doubt in alike.values():
+        (doubt, runs), *others = runs_of_doubt.items()
+        count = sum(len(runs) for _, runs in others)
         similar = f" (similar in {counted(count, 'more run')})" if count else ""
-        lines.append(f"{', '.join(runs_of_doubt[first])}{similar}: {first}")
+        lines.append(f"{', '.join(runs)}{similar}: {doubt}")
     return lines
 
 

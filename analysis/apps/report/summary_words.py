@@ -27,7 +27,7 @@ from analysis.apps.report.diagnosis_words import (
     size,
     sure,
 )
-from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
+from analysis.apps.report.texts import Phrase, Texts, capital, extended, joined, keys_of, texts_of
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import IMITATED, Act
 from analysis.diagnosis.judge.probability import CONFIRMED
@@ -82,11 +82,6 @@ class Summary:
     tone: BadgeTone = "unjudged"
     action: str = ""
     """The next step in a few words, at the end of the first sentence."""
-
-
-def with_action(sentence: str, action: str) -> str:
-    keys = (*keys_of(sentence), *keys_of(action))
-    return Phrase(f"{sentence.removesuffix('.')}; {action}.", keys) if action else sentence
 
 
 def with_next(summary: Summary, step: str, command: str, action: str) -> Summary:
@@ -149,7 +144,7 @@ def summarise(diagnosis: Diagnosis, texts: Texts | None = None) -> Summary:
         badge=words.texts(f"badge_{heading}"),
         standing=words.standing,
         tone=words.tone(causes),
-        headline=joined([with_action(first, action), *others]),
+        headline=joined([extended(first, action, "{}; {}."), *others]),
         unknowns=tuple(words.unknowns(act, first)),
         error=words.error,
         causes=tuple(words.causes),
@@ -257,7 +252,7 @@ class _SummaryWords(ActWords):
             causes.append(_Cause(part.share, self._part(part), is_certain, is_single=is_single))
         for part in diagnosis.budget:
             imitated = diagnosis.named_of(part)
-            if part.share > LARGE_SHARE and imitated and self._may_be_imitated(part):
+            if part.share > LARGE_SHARE and imitated and imitated.doubt in IMITATED:
                 why = self.texts(f"doubt_{imitated.doubt}")
                 name = self.texts("not_confirmed_because", part=self.short_name(part), why=why)
                 causes.append(_Cause(part.share, joined([name, self._share(part)], ", "), False))
@@ -270,9 +265,9 @@ class _SummaryWords(ActWords):
         if named := self.diagnosis.named_of(part):
             return self._effect(named, part)
         usual = self.texts("size_usual") if part.rank == "usual" else ""
-        member = next((member for member in part.members[:1] if member.odds >= _LIKELY), None)
+        member = part.members[0] if part.members and part.members[0].odds >= _LIKELY else None
         # The odds of a member assume that the group exists, so the doubt about the group is stated too.
-        is_open = member is not None and not is_certain_part(self.diagnosis, part)
+        is_open = member and not is_certain_part(self.diagnosis, part)
         uncertain = self.texts("size_uncertain", um=self.error_size(part.um, part.u_um)) if is_open else ""
         name = joined([self.short_name(part), usual, uncertain, self._share(part)], ", ")
         if member is None:
@@ -283,33 +278,33 @@ class _SummaryWords(ActWords):
         """An effect with size, class and share, and its likely rivals; only the causes with their odds if none is
         likely.
         """
-        share = self._share(part) if part else ""
-        if named.probability < _LIKELY and likely_rivals(named):
+        share, likely = self._share(part) if part else "", likely_rivals(named)
+        if named.probability < _LIKELY and likely:
             causes = self.likeliest_first(named)[: _MOST_RIVALS + 1]
-            likely = [f"{self.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
-            return joined([self.texts("one_of", causes=self.texts("or").join(likely)), share], ", ")
-        odds = "" if named.probability >= CONFIRMED else self.texts("likely", odds=sure(named.probability))
+            odds = [self.with_odds(cause.effect, cause.probability) for cause in causes]
+            return joined([self.texts("one_of", causes=self.texts("or").join(odds)), share], ", ")
+        probable = "" if named.probability >= CONFIRMED else self.texts("likely", odds=sure(named.probability))
         rank = "fault" if is_fault else part.rank if part and part.rank in ("usual", "difference") else ""
         kind = self.texts(f"size_{rank}") if rank else ""
-        first = joined([self.noun(named.effect), size(named), odds, kind, share], ", ")
-        others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
-        rivals = list(dict.fromkeys(map(self.noun, others_too)))
+        first = joined([self.noun(named.effect), size(named), probable, kind, share], ", ")
+        rivals = [*dict.fromkeys(map(self.noun, (*named.twins, *(rival.effect for rival in likely))))]
         unlisted = len(rivals) - _MOST_RIVALS
-        unnamed = [self.texts.counted("and_more_causes", unlisted)] if unlisted > 0 else []
-        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
+        more = self.texts.counted("and_more_causes", unlisted) if unlisted > 0 else ""
+        others = joined([self.texts("or").join(rivals[:_MOST_RIVALS]), more], ", ")
         return self.texts("otherwise", first=first, others=others) if rivals else first
 
     def unknowns(self, act: Act | None, first: str) -> list[str]:
-        diagnosis, texts = self.diagnosis, self.texts
-        sentences = [self._cause(self.leading())] if diagnosis.contradictions else []
-        sentences.append(self.visits)
+        diagnosis, against = self.diagnosis, self.against(act) if act else ""
         is_open = diagnosis.condition in _UNDECIDED and not self.usual_or_faults
-        if is_open and (sentence := self.condition_sentence) not in (*sentences, first):
-            sentences.append(sentence)
-        sentences.append(self.follows)
-        if act and (against := self.against(act)):
-            sentences.append(texts("uncertain_load" if act.kind == "load" else "uncertain", against=against))
-        return list(filter(None, sentences))
+        key = "uncertain_load" if act and act.kind == "load" else "uncertain"
+        sentences = [
+            self._cause(self.leading()) if diagnosis.contradictions else "",
+            self.visits,
+            self.condition_sentence if is_open else "",
+            self.follows,
+            self.texts(key, against=against) if against else "",
+        ]
+        return [sentence for sentence in dict.fromkeys(sentences) if sentence not in ("", first)]
 
     def step(self, act: Act) -> str:
         step = self.imperative(act)
@@ -335,39 +330,40 @@ class _SummaryWords(ActWords):
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         gap = diagnosis.train if diagnosis.condition == "out_of_range" else judged_gap(diagnosis)
         crossed, is_used = diagnosis.residual.held_out, accuracy.place == "used"
-        now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.residual_u_um)
-        label, basis = self._after_label, f"basis_{accuracy.place}"
-        if correction := self._correction_alone:
-            after = (correction.residual_um, correction.remains_u_um or 0.0)
+        now_um, after_um, after_u_um = accuracy.before_there_um, accuracy.calibrated_um, gap.residual_u_um
+        label, basis, correction = self._after_label, f"basis_{accuracy.place}", self._correction_alone
+        if correction:
+            after_um, after_u_um = correction.residual_um, correction.remains_u_um or 0.0
         if not diagnosis.is_testable:
             label, basis = "", "basis_unknown"
         elif is_used and is_complete(diagnosis):
             label, basis = "", "basis_now"
         elif diagnosis.condition == "out_of_range":
-            now, after = (accuracy.now_um, gap.u_um), (gap.after_um, gap.residual_u_um)
+            now_um, after_um, after_u_um = accuracy.now_um, gap.after_um, gap.residual_u_um
             basis = "basis_out_of_range"
         elif is_used and crossed:
             basis = "basis_crossed"
-        now_words, after_words = (self.error_size(*error) for error in (now, after))
+        now, after = self.error_size(now_um, gap.u_um), self.error_size(after_um, after_u_um)
         # An error that the acts do not certainly reduce is not shown as one after them.
-        is_same = after_words.partition(" ± ")[0] == now_words.partition(" ± ")[0]
-        if not label or is_same or after[0] + measured_u(diagnosis, after[1]) >= now[0]:
-            after_words = ""
-        notes: list[str] = [texts(basis, um=micrometres(crossed.um) if crossed else "")]
-        if after_words and basis in (f"basis_{accuracy.place}", "basis_crossed") and not correction:
-            notes.append(self._each_by_itself)
-        notes += [texts("basis_moved")] if diagnosis.movements else []
+        is_same = after.partition(" ± ")[0] == now.partition(" ± ")[0]
+        if not label or is_same or after_um + measured_u(diagnosis, after_u_um) >= now_um:
+            after = ""
+        is_split = after and basis in (f"basis_{accuracy.place}", "basis_crossed") and not correction
+        notes = [
+            texts(basis, um=micrometres(crossed.um) if crossed else ""),
+            self._each_by_itself if is_split else "",
+            texts("basis_moved") if diagnosis.movements else "",
+        ]
         now_label = texts("error_left_by_model" if has_model(diagnosis) else "error_now_label")
-        change = ErrorChange(now_label, now_words, label, after_words, joined(notes), self.judged)
+        change = ErrorChange(now_label, now, label, after, joined(notes), self.judged)
         return change.with_remarks(texts, is_measured=has_measured_noise(diagnosis))
 
     @property
     def _correction_alone(self) -> Act | None:
         """The correction, if it is the first act and compensates all faults, so that no repair is due."""
-        first, place = self.diagnosis.next_act, self.diagnosis.accuracy.place
-        if not first or first.kind != "load" or not first.removes or first.place != place:
-            return None
-        return first if self.diagnosis.standing and not self.not_compensated else None
+        first, diagnosis = self.diagnosis.next_act, self.diagnosis
+        is_valid = first and first.kind == "load" and first.removes and first.place == diagnosis.accuracy.place
+        return first if is_valid and diagnosis.standing and not self.not_compensated else None
 
     @property
     def _after_label(self) -> str:
@@ -397,17 +393,15 @@ class _SummaryWords(ActWords):
             shares.append((self.texts("other_causes"), rest, ""))
         return [BarSegment(name, min(share, 1.0), f"{100 * share:.1f} %", rank) for name, share, rank in shares]
 
-    def _may_be_imitated(self, part: BudgetPart) -> bool:
-        named = self.diagnosis.named_of(part)
-        return named is not None and named.doubt in IMITATED
-
     def _cause_name(self, part: BudgetPart) -> str:
         """Name of a part, marked if an unknown cause may imitate it; an uncertain effect with its probability."""
-        name = self.short_name(part)
-        named = self.diagnosis.named_of(part)
-        if self._may_be_imitated(part):
+        name, named = self.short_name(part), self.diagnosis.named_of(part)
+        if named is None:
+            return name
+        if named.doubt in IMITATED:
             return f"{name} ({self.texts('not_confirmed')})"
-        if named is not None and named.probability < _LIKELY and likely_rivals(named):
-            return self.with_rivals(named)
-        is_open = named is not None and named.probability < CONFIRMED
-        return f"{name} ({self.texts('likely', odds=sure(named.probability))})" if named and is_open else name
+        if named.probability >= CONFIRMED:
+            return name
+        if named.probability < _LIKELY and likely_rivals(named):
+            return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
+        return f"{name} ({self.texts('likely', odds=sure(named.probability))})"

@@ -73,6 +73,12 @@ def joined(texts: Iterable[str], by: str = " ") -> Phrase:
     return Phrase(by.join(shown), tuple(key for text in shown for key in keys_of(text)))
 
 
+def extended(sentence: str, words: str, form: str) -> str:
+    """A sentence with words before its full stop; `form` shows both."""
+    keys = (*keys_of(sentence), *keys_of(words))
+    return Phrase(form.format(sentence.removesuffix("."), words), keys) if words else sentence
+
+
 @dataclass(frozen=True)
 class Texts:
     """nouns: only of effects whose standard name this language replaces."""

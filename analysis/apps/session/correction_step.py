@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.correct import controller_report, correction_report
+from analysis.apps.correct import correction_report
 from analysis.apps.correct.controller_entries import at_controller
 from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.makers.motion_plan import Arc
@@ -128,7 +128,7 @@ def corrected(
     falls = f"The error is then expected to fall from {now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
-        sentence = joined([controller_report.first_sentence(entries), unknown, f"{falls}."])
+        sentence = joined([correction_report.controller_sentence(entries), unknown, f"{falls}."])
         return _correction(way, sentence, now_um, left_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
     sentence = f"Load the corrected programs. {falls}."

@@ -45,9 +45,8 @@ def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None
 
 def verdict_blocks(verdict: PageVerdict, texts: Texts, when: str = "") -> Sentence:
     """when: phrase before the standing."""
-    return Sentence(
-        verdict_sentence(verdict, texts), verdict.overall, joined([when, texts(f"standing_{verdict.overall}")])
-    )
+    standing = joined([when, texts(f"standing_{verdict.overall}")])
+    return Sentence(verdict_sentence(verdict, texts), verdict.overall, standing)
 
 
 def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
@@ -60,9 +59,8 @@ def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
     bad = [figure for figure in verdict.judged if figure.standing == verdict.overall]
     worst = bad[0]
     # The limit that failed, or the limits around the figure, and a remark if the uncertainty reaches across one
-    watch = None if worst.standing == "fail" else worst.limit.watch
-    bounds = (("watch_above", watch), ("fail_above", worst.limit.fail))
-    limits = [f"{texts(key)} {bound:g} {worst.figure.sign}" for key, bound in bounds if bound is not None]
+    bounds = {"watch_above": None if worst.standing == "fail" else worst.limit.watch, "fail_above": worst.limit.fail}
+    limits = [f"{texts(key)} {bound:g} {worst.figure.sign}" for key, bound in bounds.items() if bound is not None]
     limits += [texts("not_proven")] if worst.straddled else []
     figure = texts("bad_figure", figure=figure_title(worst, texts), value=worst.figure, limits=", ".join(limits))
     key = f"verdict_{verdict.overall}{'_single' * (len(bad) == 1)}"
@@ -75,11 +73,11 @@ def limits_blocks(verdict: PageVerdict, texts: Texts, heading: str) -> list[Bloc
         watch, fail = (
             "" if bound is None else f"{bound:g} {one.figure.sign}" for bound in (one.limit.watch, one.limit.fail)
         )
-        source = (texts("data_sheet"),) if one.of_data_sheet else ()
-        remark = (texts("not_proven"),) if one.straddled and one.standing == "watch" else ()
-        standing = Cell(texts(f"standing_{one.standing}"), remark, tone=one.standing)
-        rows.append((figure_title(one, texts), str(one.figure), watch, Cell(fail, source), standing))
-    columns = tuple(map(texts, ("figure", "value", "watch_above", "fail_above", "standing")))
+        source = texts("data_sheet") if one.of_data_sheet else ""
+        remark = texts("not_proven") if one.straddled and one.standing == "watch" else ""
+        standing = Cell(texts(f"standing_{one.standing}"), (remark,), tone=one.standing)
+        rows.append((figure_title(one, texts), str(one.figure), watch, Cell(fail, (source,)), standing))
+    columns = [*map(texts, ("figure", "value", "watch_above", "fail_above", "standing"))]
     table = Table(columns, rows, {1, 2, 3}, key="stack")
     rule = Sentence(texts("rule", coverage=f"{COVERAGE:g}"), "note")
     return [Heading(texts(heading)), table, rule] if rows else []
@@ -133,24 +131,23 @@ class BeforeAfter:
 def now_sentence(after: BeforeAfter, texts: Texts) -> str:
     """The error now, here and at the second place, and that expected over the work; empty if no run followed."""
 
-    def change(key: str, before_um: float, after_um: float, u_um: float) -> str:
-        return texts(key, before=micrometres(before_um), after=micrometres(after_um), u=micrometres(u_um))
-
     if after.driven is None:
         return ""
-    keys = ((f"is_now_{after.way}", after.driven), ("is_now_elsewhere", after.elsewhere))
-    sentences = [change(key, pair[0].um, pair[1].um, pair[1].u_um) for key, pair in keys if pair]
+    pairs = {f"is_now_{after.way}": after.driven, "is_now_elsewhere": after.elsewhere}
+    changes = {key: (pair[0].um, pair[1].um, pair[1].u_um) for key, pair in pairs.items() if pair}
     if work := after.work:
-        sentences.append(change("over_the_work", work.before_um, work.after_um, work.u_um))
-        sentences.append(texts.not_known(work.unknown))
-    return joined(sentences)
+        changes["over_the_work"] = work.before_um, work.after_um, work.u_um
+    sentences = []
+    for key, errors_um in changes.items():
+        before, reached, u = map(micrometres, errors_um)
+        sentences.append(texts(key, before=before, after=reached, u=u))
+    return joined([*sentences, texts.not_known(work.unknown) if work else ""])
 
 
 def now_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
     own = texts(f"your_programs_{after.way}") if after.own_programs else ""
-    blocks: list[Block] = [
-        Sentence(now_sentence(after, texts), "strong"), Sentence(joined([texts("arm_unchanged"), own])),
-    ]  # fmt: skip
+    unchanged = Sentence(joined([texts("arm_unchanged"), own]))
+    blocks: list[Block] = [Sentence(now_sentence(after, texts), "strong"), unchanged]
     blocks += [Command(after.own_programs)] if own else []
     if after.verdict and after.verdict.judged:
         blocks.append(verdict_blocks(after.verdict, texts, texts("corrected_now")))
@@ -159,7 +156,7 @@ def now_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
 
 def path_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
     is_driven = after.driven is not None
-    lines = [texts("about_before_after")] if is_driven else [after.correction, texts("about_before_after")]
+    lines = ["" if is_driven else after.correction, texts("about_before_after")]
     if after.joined and after.judged:
         before, model = map(micrometres, after.judged)
         lines.append(texts("second_place_joined", count=after.joined, before=before, after=model))
