@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,7 +38,8 @@ def answer_of(judged: Sequence[Certified]) -> list[Block]:
     for one in judged:
         reasons.setdefault(one.why, []).append(one.feature.name)
     lines = [f"{', '.join(names)}: {why}" for why, names in reasons.items() if why]
-    lines[_MOST_REASONS:] = [f"and {len(lines) - _MOST_REASONS} more reasons (--json)"] * (len(lines) > _MOST_REASONS)
+    more = len(lines) - _MOST_REASONS
+    lines = [*lines[:_MOST_REASONS], f"and {more} more reasons (--json)" if more > 0 else ""]
     lines += [
         f"{one.feature.name}: outside from {day.date} on ({day.earliest} to {day.latest or 'unknown'}), if "
         f"{day.figure} grows on"
@@ -72,7 +71,7 @@ def write_page(judged: Sequence[Certified], listed: Listed, path: Path, program:
 def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
-    from analysis.apps.report.chart import Sheet  # noqa: PLC0415
+    from analysis.apps.report.chart import Sheet, svg_of  # noqa: PLC0415
 
     sheet, green = Sheet(9.0, 4.2), mpl.colormaps["RdYlGn"]
     panels = sheet.subplots(1, 2)
@@ -87,7 +86,4 @@ def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:
         axes.set_ylabel(f"{name} / mm")
         axes.set_aspect("equal", adjustable="datalim")
     sheet.colorbar(mpl.cm.ScalarMappable(cmap=green), ax=panels, label="probability inside; grey: unknown")
-    written = io.BytesIO()
-    sheet.savefig(written, format="png", dpi=110)
-    image = base64.b64encode(written.getvalue()).decode()
-    return Markup('<img alt="" style="max-width:100%" src="data:image/png;base64,{}">').format(image)
+    return Markup(svg_of(sheet))  # noqa: S704 - matplotlib escapes the names of features

@@ -17,7 +17,6 @@ from analysis.apps.plant.collect import Collected, Progress, Workers
 from analysis.apps.plant.fleet import ORDER, Attention, Fleet, collected_in
 from analysis.apps.plant.history import history_of, simulated_runs, without_figures
 from analysis.apps.plant.history_report import write_page
-from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.store import Key, made_by
 from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html
@@ -36,7 +35,7 @@ WORDS: dict[Attention, str] = {
     "within": "within limits",
     "unlimited": "no limits",
 }
-_TONES: dict[Attention, Tone] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
+_TONES: dict[Attention, Tone] = {"beyond": "fail", "within": "pass", "unlimited": "plain"}
 _ORDER = (
     "Robots that need attention come first: beyond a limit, not proven to be within a limit, no figures, a figure "
     "increased by more than the scatter between runs, then the others. A robot is identified by the name of its rig "
@@ -51,13 +50,12 @@ def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequ
     states = ", ".join(f"{counts[reason]} {WORDS[reason]}" for reason in ORDER if counts[reason])
     times, rows = Counter(state.robot for state in robots), []
     for state in robots:
-        tone = _TONES.get(state.attention, "plain" if state.attention == "unlimited" else "pass")
         some = "" if state.simulated == state.runs else f"{state.simulated} of {state.runs} "
-        simulated = (f"{some}simulated",) if state.simulated else ()
+        simulated = f"{some}simulated" if state.simulated else ""
         name = plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}")
-        robot = Cell(name, simulated, link=(links or {}).get((state.folder, state.robot), ""))
-        worst = Cell(state.worst, tuple(filter(None, (", ".join(state.tests), plain(", ".join(state.doubts))))))
-        standing = Cell(WORDS[state.attention], tone=tone)
+        robot = Cell(name, (simulated,), link=(links or {}).get((state.folder, state.robot), ""))
+        worst = Cell(state.worst, (", ".join(state.tests), plain(", ".join(state.doubts))))
+        standing = Cell(WORDS[state.attention], tone=_TONES.get(state.attention, "watch"))
         rows.append((robot, standing, worst, state.trend, state.last[:10], f"{state.runs}"))
     heads = ("robot", "state", "figure closest to its limit", "what changed", "last run", "runs")
     # The omitted runs of unknown robots come first.
@@ -121,10 +119,14 @@ def write_figures(fleet: Fleet, path: Path) -> None:
 
 def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
     folder, robot = key
-    for record in collected.broken:
-        yield _label(robot, folder, record.name) | _of_run(record) | {"problem": record.problem}
-    for record in collected.runs:
-        label = _label(robot, folder, record.name) | _of_run(record)
+    for record in (*collected.broken, *collected.runs):
+        label, started = _label(robot, folder, record.name), None
+        with suppress(ValueError):
+            started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.
+        label |= {"started_utc": started}
+        label |= pick_fields(record, "test", "direction", "placement", "program", "corrected")
+        if record.problem:
+            yield label | {"problem": record.problem}
         for name, quantity in record.figures.items():
             row = label | {"figure": name} | asdict(quantity)
             if limit := collected.limits.of(record.test, name):
@@ -135,13 +137,6 @@ def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
 
 def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
     return {"robot": robot, "folder": storable(folder), "run": storable(run)}
-
-
-def _of_run(record: RunRecord) -> dict[str, Any]:
-    started = None
-    with suppress(ValueError):
-        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.
-    return {"started_utc": started} | pick_fields(record, "test", "direction", "placement", "program", "corrected")
 
 
 _HEAD_BYTES = 2000
@@ -179,8 +174,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
         progress("drawing the pages of robots", done, len(fresh))
     links = {page.key: quote(f"{folder.name}/{page.path.name}") for page in pages if page.path.exists()}
     title = f"{fleet.directory.resolve().name or fleet.directory}: robots"
-    html = answer_page(title, answer_of(fleet, links, failed))
-    write_html(html, path)
+    write_html(answer_page(title, answer_of(fleet, links, failed)), path)
     return failed
 
 

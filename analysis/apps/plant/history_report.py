@@ -25,6 +25,7 @@ from analysis.apps.plant.history import (
 )
 from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html
+from analysis.apps.report.texts import joined
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.tabular import pick_fields, table_of_rows
@@ -39,19 +40,17 @@ def answer_of(
     history: History, figures: Sequence[Figure] = (), left_out: int = 0, *, dated: bool = False
 ) -> list[Block]:
     """left_out: number of pictures left out. dated: add the times of runs."""
-    lines = [*doubts(history), *[f"{left_out} further figures without a change are not shown."] * (left_out > 0)]
-    days = [run.when.date() for series in history.series for run in series.runs]
-    span = sorted({str(min(days)), str(max(days))}) if days else []
-    title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
+    more = f"{left_out} further figures without a change are not shown." if left_out else ""
+    days = sorted({f"{run.when.date()}" for series in history.series for run in series.runs})
+    span = " to ".join(dict.fromkeys([*days[:1], *days[-1:]]))
     return [
         *paragraphs([origin(history)], "doubt"),
         *paragraphs(sentences(history) or [too_few(history)], "strong"),
-        *paragraphs(lines, "doubt"),
-        Heading(title),
+        *paragraphs([*doubts(history), more], "doubt"),
+        Heading(joined([history.robot, span], " · ")),
         _table(history.series, dated=dated),
         *figures,
-        *([Sentence(_LEGEND, "note")] if figures else []),
-        *paragraphs((*remarks(history), _U), "note"),
+        *paragraphs([_LEGEND if figures else "", *remarks(history), _U], "note"),
     ]
 
 
@@ -64,26 +63,24 @@ _U = "u is the standard uncertainty of a figure within a run. It does not includ
 
 def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
     is_one = all(len(series.runs) == 1 for series in all_series)
-    is_limited = any(series.limit for series in all_series)
-    columns = ["test", "figure", *(("value ± u",) if is_one else ("runs", "first", "last", "spread", "course", ""))]
-    rows = list[Row]()
-    title_before = ""
-    for series in all_series:
-        quantities, spread = series.quantities, series.trend.spread
-        begin, end = ((f"{run.when:%Y-%m-%d %H:%M}",) * dated for run in (series.runs[0], series.runs[-1]))
-        cells: list[str | Cell] = [Cell(str(quantities[0]), begin)]
+    columns = ["test", "figure", *(["value ± u"] if is_one else ["runs", "first", "last", "spread", "course", ""])]
+    rows, titles = list[Row](), [series.title for series in all_series]
+    for series, before in zip(all_series, ["", *titles], strict=False):
+        (first, *_, last), spread = [*series.quantities] * 2, series.trend.spread
+        begin, end = ([f"{run.when:%Y-%m-%d %H:%M}"] * dated for run in (series.runs[0], series.runs[-1]))
+        cells: list[str | Cell] = [Cell(str(first), begin)]
         if not is_one:
-            by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
+            by = Quantity(0.0, spread if spread > 0 else last.u, last.unit)
             rounded = by.rounded_size(spread) if np.isfinite(spread) else "–"
             ways = "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes)
-            first = str(quantities[0]) if dated else by.rounded(quantities[0].value)
-            ends = Cell(first, begin), Cell(str(quantities[-1]), end)
-            cells = [f"{len(quantities)}", *ends, rounded, sparkline(series.values), ways]
-        limit = [against_limit(series, dated=False)] * is_limited
-        rows.append(("" if series.title == title_before else series.title, series.label, *cells, *limit))
-        title_before = series.title
+            ends = Cell(str(first) if dated else by.rounded(first.value), begin), Cell(str(last), end)
+            cells = [f"{len(series.runs)}", *ends, rounded, sparkline(series.values), ways]
+        title = "" if series.title == before else series.title
+        rows.append((title, series.label, *cells, against_limit(series, dated=False)))
     ranks = ["unusual" if series.trend.changes else "" for series in all_series]
-    return Table([*columns, *["limit"] * is_limited], rows, {2} if is_one else {2, 3, 4, 5}, ranks)
+    if any(series.limit for series in all_series):
+        columns.append("limit")
+    return Table(columns, [row[: len(columns)] for row in rows], {2} if is_one else {2, 3, 4, 5}, ranks)
 
 
 def sparkline(values: Array) -> str:
@@ -104,7 +101,7 @@ def as_object(history: History) -> dict[str, Any]:
         "remarks": remarks(history),
         "movements": [
             {"run": marked.run, "started": marked.when.isoformat(), **pick_fields(marked.check, *checked)}
-            | {key: value or None for key, value in pick_fields(marked.check, "what", "name").items()}
+            | {"what": marked.check.what or None, "name": marked.check.name or None}
             for marked in history.collected.checks
         ],
         "series": [_series_object(series) for series in history.series],
@@ -160,9 +157,9 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
         judged = judge(series)
         return judged is None or judged.standing != "fail", not series.trend.changes
 
-    shown = sorted(history.series, key=place)
     # A single run, or simultaneous runs, have no time axis.
-    drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
+    timed = [series for series in history.series if len({run.when for run in series.runs}) > 1]
+    drawn = sorted(timed, key=place)
     moved = [check.when for check in history.collected.checks if check.has_moved]
     figures = []
     for series in drawn[:_MOST]:
@@ -192,12 +189,11 @@ def _picture(series: Series, moved: Sequence[datetime]) -> Markup:
     for change in series.trend.changes:
         ends = [when[change.first], when[change.last]]
         axes.plot(ends, [change.before, change.after], "-o", ms=3, color=_CHANGE, lw=1.8)
-    bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
-    for bound, style in bounds:
+    bounds = {":": series.limit.watch, "--": series.limit.fail} if series.limit else {}
+    for style, bound in bounds.items():
         if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
-            for side in (1, -1):  # A limit applies to the absolute value.
-                if np.any(side * values > 0):
-                    axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
+            for side in np.unique(np.sign(values[values != 0])):  # A limit applies to the absolute value.
+                axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
     for time in moved:
         axes.axvline(time, ls="-.", lw=1.0, color=_CHANGE)  # type: ignore[arg-type]
     axes.set_ylabel(series.unit)

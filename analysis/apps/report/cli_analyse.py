@@ -9,8 +9,17 @@ from typing import Annotated
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json, say_written
+from analysis.cli.console import progress_of, say, say_json, say_written
 from analysis.cli.options import AsJson, Calibration, Jobs, RunsBelow, Scheduler, rig_option
+from analysis.cli.several import (
+    end_with,
+    evaluate_paths,
+    over_runs,
+    runs_below,
+    with_controller,
+    with_tables,
+    worst_code,
+)
 from rigs.errors import UseError
 
 
@@ -41,15 +50,6 @@ def analyse(
     scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
-    from analysis.cli.several import (
-        end_with,
-        evaluate_paths,
-        over_runs,
-        runs_below,
-        with_controller,
-        with_tables,
-        worst_code,
-    )
 
     paths = runs_below(with_tables(runs, with_controller(rig_file, calibration)), scheduler)
     if as_lines:
@@ -69,7 +69,6 @@ def analyse(
     truths = compare(results, truth) if truth else []
     if plot:
         from analysis.apps.report.run_charts import save_all_pictures
-        from analysis.cli.console import progress_of
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))

@@ -9,7 +9,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say_json, say_written
+from analysis.cli.console import say_written
 from analysis.cli.options import AsJson, Calibration, ModelRig, RobotRunsBelow, RunsElsewhere, location
 
 
@@ -46,9 +46,7 @@ def calibrate(
 ) -> None:
     """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
     import analysis
-    from analysis.apps.report.blocks import say_answer
-    from analysis.apps.report.cli_diagnose import load_uses, say_correct, with_commands_here
-    from analysis.apps.report.diagnosis_answer import answer_of, plain_object
+    from analysis.apps.report.cli_diagnose import load_uses, say_correct, say_diagnosis
     from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, worst_code
@@ -61,10 +59,7 @@ def calibrate(
     end_with(worst_code(errors))
     with progress_of() as progress:
         diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
-    if as_json:
-        say_json(plain_object(diagnosis))
-    else:
-        say_answer(answer_of(with_commands_here(diagnosis, output, to="calibrated.yaml")))
-    say_written(write_model(diagnosis, text, output) if output else ())
+    say_diagnosis(diagnosis, output, "calibrated.yaml", as_json=as_json)
     if output:
+        say_written(write_model(diagnosis, text, output))
         say_correct(diagnosis, output)

@@ -13,7 +13,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json, say_written
+from analysis.cli.console import progress_of, say, say_json, say_written
 from analysis.cli.options import (
     AsJson,
     Calibration,
@@ -23,6 +23,16 @@ from analysis.cli.options import (
     RunsElsewhere,
     Scheduler,
     location,
+)
+from analysis.cli.several import (
+    end_with,
+    is_table,
+    load_runs,
+    runs_below,
+    with_controller,
+    with_recorded_controller,
+    with_tables,
+    worst_code,
 )
 from rigs.errors import RigError, UseError
 from rigs.text import as_argument
@@ -81,8 +91,6 @@ def diagnose(
         two_arms_diagnosed(runs[0], rig_file, second, output, is_alone=not (hold_out or unseen), as_json=as_json)
         return
     import analysis
-    from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, worst_code
 
     # check before any computation; the import of the picture module takes half a second and happens only here
     if output:
@@ -99,21 +107,25 @@ def diagnose(
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
+    say_diagnosis(diagnosis, output, as_json=as_json)
+    if output:
+        _write(diagnosis, uses, text, output, errors)
+    end_with(worst_code(errors))
+
+
+def say_diagnosis(diagnosis: Diagnosis, output: Path | None, to: str = "found", *, as_json: bool) -> None:
+    """output, to: see `with_commands_here`."""
     from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.diagnosis_answer import answer_of, plain_object
 
     if as_json:
         say_json(plain_object(diagnosis))
     else:
-        say_answer(answer_of(with_commands_here(diagnosis, output)))
-    if output:
-        _write(diagnosis, uses, text, output, errors)
-    end_with(worst_code(errors))
+        say_answer(answer_of(with_commands_here(diagnosis, output, to=to)))
 
 
 def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
     """True for a single table with the joints of two arms. Raises UseError if a second arm is given for other data."""
-    from analysis.cli.several import is_table
 
     has_both = False
     if len(runs) == 1 and is_table(runs[0]):
@@ -157,15 +169,6 @@ def load_uses(
 
     Raises UseError if no run is used, and ends the command if none can be read.
     """
-    from analysis.cli.several import (
-        end_with,
-        load_runs,
-        runs_below,
-        with_controller,
-        with_recorded_controller,
-        with_tables,
-        worst_code,
-    )
     from rigs.load import load
 
     rig_file = with_controller(rig_file, calibration)
@@ -212,7 +215,6 @@ def _write(
     if is_page(output):
         from analysis import evaluate_runs
         from analysis.apps.report.page.write_page import gather, write_page
-        from analysis.cli.console import progress_of
 
         with progress_of() as progress:
             results = evaluate_runs(by_use[0])
@@ -233,7 +235,6 @@ def _write(
 
 def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
     """Runs as command-line arguments, or their directory if all runs in it are used."""
-    from analysis.cli.several import runs_below
 
     directory, current = used[0].parent, Path.cwd()
     is_whole = (

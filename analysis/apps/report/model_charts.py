@@ -57,24 +57,24 @@ def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], te
     # Places of a repeatability run: each target from outside and from inside
     targets = result.found.targets if isinstance(result.found, RepeatabilityResult) else ()
     places = [f"{target} {_ARROWS[side]}" for target in targets for side in SIDES]
-    x, measured, simulated = _mean_curves(before)
-    drawn: list[tuple[str, Role, Array]] = [("measured", "measured", measured), ("simulated", "model", simulated)]
-    drawn += [("simulated_with", "after", _mean_curves(after)[2])] if after else []
+    # Means of the runs at the same positions
+    alike, with_effects = ([run for run in runs if np.array_equal(run.x, runs[0].x)] for runs in (before, after))
+    drawn: list[tuple[str, Role, list[Array]]] = [
+        ("measured", "measured", [run.measured_curve for run in alike]),
+        ("simulated", "model", [run.simulated_curve for run in alike]),
+        ("simulated_with", "after", [run.simulated_curve for run in with_effects]),
+    ]
+    lines = [
+        ChartLine(texts(name), role, before[0].x, factor * np.mean(curves, axis=0), points=not is_angle)
+        for name, role, curves in drawn
+        if curves
+    ]
     return Chart(
         texts("chart_simulated", what=result.title), texts("caption_simulated"),
         "straight" if is_angle else "targets", texts(_ALONG[labels_of(result.measured.table.test).along]),
-        f"{texts('error')} / {unit}", unit,
-        tuple(ChartLine(texts(name), role, x, factor * values, points=not is_angle) for name, role, values in drawn),
+        f"{texts('error')} / {unit}", unit, tuple(lines),
         ticks=tuple((float(place), name) for place, name in enumerate(places)),
     )  # fmt: skip
-
-
-def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
-    """Positions (n,) and mean measured and simulated curves (n,) of the runs at the same positions."""
-    alike = [comparison for comparison in runs if np.array_equal(comparison.x, runs[0].x)]
-    measured = np.mean([comparison.measured_curve for comparison in alike], axis=0)
-    simulated = np.mean([comparison.simulated_curve for comparison in alike], axis=0)
-    return runs[0].x, measured, simulated
 
 
 def residual_charts(residuals: Diagnosis | LocatedResidual, stairs: Stairs | None, texts: Texts) -> list[Chart]:

@@ -22,7 +22,7 @@ from markupsafe import Markup
 
 from analysis.api import Diagnosis, RigError, diagnose
 from analysis.apps.report.act_words import without_idle_mounts
-from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table, paragraphs
+from analysis.apps.report.blocks import Block, Cell, Command, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.chart import ROLE_STYLES, Picture, live, still
 from analysis.apps.report.diagnosis_answer import Sections, sections_of, stairs_of, step_sentences, summary_parts
 from analysis.apps.report.diagnosis_report import calibration_file
@@ -92,15 +92,12 @@ def test_sections(
 def _below(group: Sequence[Result], texts: Texts) -> list[Block]:
     words = " ".join(f"{capital(line)}." for line in remarks_of(group))
     figures = figure_table(columns_of(group, texts), texts)
-    blocks: list[Block] = [Heading(texts("figures"), 3), figures, Sentence(words, "note")]
-    if reversals := _reversals(group[0], texts):
-        blocks += [Heading(texts("reversals"), 3), Sentence(texts("about_reversals")), reversals]
-    return blocks
+    return [Heading(texts("figures"), 3), figures, Sentence(words, "note"), *_reversals(group[0], texts)]
 
 
-def _reversals(result: Result, texts: Texts) -> Table | None:
+def _reversals(result: Result, texts: Texts) -> list[Block]:
     if not isinstance(result.found, CircleResult):
-        return None
+        return []
     rows = []
     for turn in sorted(turns(result.found.laps), key=lambda turn: turn.phi):
         near = {
@@ -112,8 +109,8 @@ def _reversals(result: Result, texts: Texts) -> Table | None:
         nominal = near[away_deg] if away_deg < _NOMINAL_DEG else ""
         joint, measured = texts.axis(result.measured.rig.robot, turn.axis), f"{np.degrees(turn.phi):.1f}°"
         rows.append((joint, measured, nominal, texts("upper" if turn.upper else "lower")))
-    heads = tuple(map(texts, ("joint", "turns_at", "nominal", "sense")))
-    return Table(heads, rows, {1, 2}, key="narrow stack") if rows else None
+    table = Table([*map(texts, ("joint", "turns_at", "nominal", "sense"))], rows, {1, 2}, key="narrow stack")
+    return [Heading(texts("reversals"), 3), Sentence(texts("about_reversals")), table] if rows else []
 
 
 _LONGEST = 200
@@ -213,13 +210,13 @@ def fields_of(heading: PageHead, results: Sequence[Result], texts: Texts) -> lis
     """
     serials = dict.fromkeys(result.measured.rig.robot.serial for result in results)
     operators = dict.fromkeys(result.measured.run.manifest.operator for result in results)
-    fields = [
-        ("serial", heading.serial or ", ".join(filter(None, serials))),
-        ("customer", heading.customer),
-        ("order", heading.order),
-        ("operator", ", ".join(filter(None, operators))),
-    ]
-    return [(texts(name), value) for name, value in fields if value]
+    fields = {
+        "serial": heading.serial or ", ".join(filter(None, serials)),
+        "customer": heading.customer,
+        "order": heading.order,
+        "operator": ", ".join(filter(None, operators)),
+    }
+    return [(texts(name), value) for name, value in fields.items() if value]
 
 
 def trace_table(results: Sequence[Result], texts: Texts) -> Table:
@@ -229,28 +226,27 @@ def trace_table(results: Sequence[Result], texts: Texts) -> Table:
         by = f"{texts('by')} {manifest.operator}" if manifest.operator else ""
         software = ", ".join(f"{name} {version}" for name, version in manifest.software.items())
         source = manifest.table.file if manifest.table else ""
-        who = (", ".join(filter(None, (by, manifest.host))), software, source)
+        who = (joined([by, manifest.host], ", "), software, source)
         files = [f"{texts('rig_file')} {manifest.rig_sha256}"]
         files += [f"{chunk.file} {chunk.sha256}" for chunk in manifest.chunks]
-        started = Cell(manifest.started[:19].replace("T", " "), tuple(filter(None, who)))
-        rows.append((Cell(result.title, (result.name,)), started, Cell(str(result.measured.path), tuple(files))))
+        started = Cell(manifest.started[:19].replace("T", " "), who)
+        rows.append((Cell(result.title, (result.name,)), started, Cell(str(result.measured.path), files)))
     return Table([*map(texts, ("run", "when_and_who", "files"))], rows, key="stack")
 
 
 def instruments_table(rig: Rig, texts: Texts) -> Table:
-    parts: list[tuple[str, str, Certificate | None, dt.date | None]] = [
-        (name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges
-    ]
-    others = (("ball", rig.ball), ("link", rig.link))
-    parts += [(name, "", part, None) for name, part in others if part is not None]
-    rows = tuple(
-        (name, kind, texts("certificate_missing"), str(calibrated or "–"), "–")
-        if one is None
-        else (name, kind, one.number, str(one.date), str(one.due or "–"))
-        for name, kind, one, calibrated in parts
-    )
+    rows = list[Row]()
+    for name, gauge in rig.gauges:
+        stated = (texts("certificate_missing"), f"{gauge.calibrated or '–'}", "–")
+        rows.append((name, gauge.interface, *(_certificate(gauge.certificate) if gauge.certificate else stated)))
+    others = {"ball": rig.ball, "link": rig.link}
+    rows += [(name, "", *_certificate(part)) for name, part in others.items() if part]
     heads = ("instrument", "kind", "certificate", "calibrated", "due")
     return Table([*map(texts, heads)], rows, key="narrow stack")
+
+
+def _certificate(certificate: Certificate) -> tuple[str, str, str]:
+    return certificate.number, f"{certificate.date}", f"{certificate.due or '–'}"
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: PageHead = NO_HEAD) -> Path:
@@ -307,10 +303,13 @@ def _condition(report: Report, badge: Sentence, parts: Sections, texts: Texts) -
 
 
 def _accuracy(after: BeforeAfter | None, verdict: PageVerdict, texts: Texts) -> list[Block]:
-    head: list[Block] = [Heading(texts("accuracy"), 3)]
-    if after is None or not after.driven:
-        return [*head, verdict_blocks(verdict, texts)]
-    return [*head, *now_blocks(after, texts), verdict_blocks(verdict, texts, texts("was_before"))]
+    is_driven = after is not None and after.driven
+    now = now_blocks(after, texts) if after and is_driven else []
+    return [
+        Heading(texts("accuracy"), 3),
+        *now,
+        verdict_blocks(verdict, texts, texts("was_before") if is_driven else ""),
+    ]
 
 
 def _findings(report: Report, verdict: PageVerdict, parts: Sections, texts: Texts) -> list[list[Block]]:
