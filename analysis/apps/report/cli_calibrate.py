@@ -9,8 +9,9 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say_written
+from analysis.cli.console import progress_of, say_written
 from analysis.cli.options import AsJson, Calibration, ModelRig, RobotRunsBelow, RunsElsewhere, location
+from analysis.cli.several import end_with, worst_code
 
 
 @command(app, "rig calibrate runs/* -o better.yaml")
@@ -48,8 +49,6 @@ def calibrate(
     import analysis
     from analysis.apps.report.cli_diagnose import load_uses, say_correct, say_diagnosis
     from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
-    from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, worst_code
 
     if output:
         refuse_existing_rig(output)

@@ -9,8 +9,17 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say_written
+from analysis.cli.console import progress_of, say_written
 from analysis.cli.options import Calibration, Jobs, RobotRunsBelow, Scheduler, rig_option
+from analysis.cli.several import (
+    end_with,
+    evaluate_paths,
+    runs_below,
+    say_doubts,
+    with_controller,
+    with_tables,
+    worst_code,
+)
 from rigs.text import as_argument
 
 
@@ -44,16 +53,6 @@ def report(
     from analysis.apps.report.cli_diagnose import with_commands_here
     from analysis.apps.report.html_page import check_page_file, check_pdf_output, is_pdf
     from analysis.apps.report.page.write_page import PageHead, gather, write_page
-    from analysis.cli.console import progress_of
-    from analysis.cli.several import (
-        end_with,
-        evaluate_paths,
-        runs_below,
-        say_doubts,
-        with_controller,
-        with_tables,
-        worst_code,
-    )
     from rigs.load import load
 
     heading = PageHead(serial, customer, order)

@@ -217,23 +217,20 @@ def _plane(
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
     """The paths on the plane, and the deviations along them."""
-    names = dict.fromkeys(curve.path.tolist())
-    command, off = [], []
-    for name in (path for path in names if path != "small_circle"):  # limited to the magnified size
+    names = [*dict.fromkeys(curve.path.tolist())]
+    command, off, gap = list[Array](), list[Array](), np.full((1, 2), np.nan)
+    for name in [path for path in names if path != "small_circle"] or names:  # limited to the magnified size
         rows = np.flatnonzero(curve.path == name)
         rows = rows[:: max(1, len(rows) // _STATIONS)]
-        command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
-        off += [curve.off_mm[rows, :2], np.full((1, 2), np.nan)]
-    if not command:
-        command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
+        command += [curve.place_mm[rows, :2], gap]
+        off += [curve.off_mm[rows, :2], gap]
     places, away = np.concatenate(command), np.concatenate(off)
     side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
     plane = _plane("chart_paths", places, places, away, side, texts, points=False)
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
-    lines = []
-    for name, role in zip(names, roles, strict=False):
-        rows = curve.path == name
-        lines.append(ChartLine(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
+    shares, errors = 100 * curve.share, 1e3 * curve.at_mm
+    on_path = [(name, role, curve.path == name) for name, role in zip(names, roles, strict=False)]
+    lines = [ChartLine(texts(f"path_{name}"), role, shares[rows], errors[rows]) for name, role, rows in on_path]
     return [plane, _chart("along", "targets", ("along_path", "error_path"), "µm", lines, texts)]
 
 

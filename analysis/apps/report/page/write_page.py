@@ -303,13 +303,8 @@ def _condition(report: Report, badge: Sentence, parts: Sections, texts: Texts) -
 
 
 def _accuracy(after: BeforeAfter | None, verdict: PageVerdict, texts: Texts) -> list[Block]:
-    is_driven = after is not None and after.driven
-    now = now_blocks(after, texts) if after and is_driven else []
-    return [
-        Heading(texts("accuracy"), 3),
-        *now,
-        verdict_blocks(verdict, texts, texts("was_before") if is_driven else ""),
-    ]
+    now = now_blocks(after, texts) if after and after.driven else []
+    return [Heading(texts("accuracy"), 3), *now, verdict_blocks(verdict, texts, texts("was_before") if now else "")]
 
 
 def _findings(report: Report, verdict: PageVerdict, parts: Sections, texts: Texts) -> list[list[Block]]:

@@ -91,7 +91,7 @@ def test_small_parts_share_a_row_unless_they_are_unusual():
     table = table_of(diagnosis(budget=parts), "budget")
     names = [keys_of(row[0].text)[0] for row in table.cells()]
     assert names == ["part_scatter", "part_gravity", "smaller_parts"]
-    assert table.ranks == ("other", "unusual", "other") and table.cells()[1][3].below == ("12.0 × usual",)
+    assert table.ranks == ["other", "unusual", "other"] and table.cells()[1][3].lines == ["12.0 × usual"]
 
 
 def test_parts_that_cancel_a_part_are_below_it():
@@ -113,7 +113,7 @@ def test_a_fault_has_size_contribution_probability_rest_parameters_and_place():
 
 def test_rivals_and_twins_are_below_the_fault():
     ((name, *_),) = table_of(diagnosis("ambiguous"), "faults").cells()
-    assert "0.587 ± 0.023 mm" in name.below[-1] and "(36 %)" in name.below[-1]
+    assert "0.587 ± 0.023 mm" in name.lines[-1] and "(36 %)" in name.lines[-1]
     twin = replace(PLAY, twins=(JointOffset(axis=2, offset_deg=0.1),))
     ((name, *_),) = table_of(diagnosis("named", effects=(twin,)), "faults").cells()
     assert keys_of(name.below[-1])[0] == "twins"
