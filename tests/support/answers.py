@@ -26,7 +26,7 @@ def words_of(blocks: Sequence[Block]) -> list[str]:
             case Heading():
                 words.append(block.text)
             case Table():
-                words += [" ".join(text for cell in row for text in (cell.text, *cell.below)) for row in block.cells()]
+                words += [" ".join(text for cell in row for text in (cell.text, *cell.lines)) for row in block.cells()]
             case Segments() | Figure():
                 pass
             case _:

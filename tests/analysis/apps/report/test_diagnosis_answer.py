@@ -44,7 +44,7 @@ def texts_in(block: Block) -> list[str]:
         case Sentence():
             return [block.lead, block.text]
         case Table():
-            return [text for row in block.cells() for cell in row for text in (cell.text, *cell.below)]
+            return [text for row in block.cells() for cell in row for text in (cell.text, *cell.lines)]
     return [block.words]
 
 
@@ -98,10 +98,10 @@ def test_parts_that_cancel_a_part_are_below_it():
     large, *_ = diagnosis().budget
     curve_of_2 = BudgetPart("curve", 3.96, 0.26, -0.1, axis=2)
     both = replace(large, together=(replace(large, um=7.2, u_um=0.2), curve_of_2))
-    below = table_of(diagnosis(budget=(both,)), "budget").cells()[0][0].below
+    below = table_of(diagnosis(budget=(both,)), "budget").cells()[0][0].lines
     assert any("7.2 ± 0.2" in line for line in below) and any("4.0 ± 0.3" in line for line in below)
     doubted = replace(both, together=(both.together[0], replace(curve_of_2, u_um=2.0)))
-    assert len(table_of(diagnosis(budget=(doubted,)), "budget").cells()[0][0].below) == len(below) - 2
+    assert len(table_of(diagnosis(budget=(doubted,)), "budget").cells()[0][0].lines) == len(below) - 2
     assert both.to_dict()["cancelled"] == ("curve 2",) and len(both.to_dict()["together"]) == 2
 
 
@@ -116,7 +116,7 @@ def test_rivals_and_twins_are_below_the_fault():
     assert "0.587 ± 0.023 mm" in name.lines[-1] and "(36 %)" in name.lines[-1]
     twin = replace(PLAY, twins=(JointOffset(axis=2, offset_deg=0.1),))
     ((name, *_),) = table_of(diagnosis("named", effects=(twin,)), "faults").cells()
-    assert keys_of(name.below[-1])[0] == "twins"
+    assert keys_of(name.lines[-1])[0] == "twins"
 
 
 def test_an_unconfirmed_effect_has_its_reason_and_no_act():

@@ -10,8 +10,7 @@ import pytest
 from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import error_size
-from analysis.apps.report.summary_words import Summary, with_driven_error
-from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.summary_words import Summary, summarise, with_driven_error
 from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
 from analysis.apps.session.session_state import Answer, Session, SessionAct, SessionCorrection, VerifiedError
 from analysis.apps.window.frames import shown_summary

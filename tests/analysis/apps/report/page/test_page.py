@@ -14,9 +14,9 @@ from typing import get_args
 import pytest
 
 from analysis import evaluate_runs, load_run
+from analysis.apps.report.chart import still
 from analysis.apps.report.page.write_page import Report, gather, rendered, write_page
 from analysis.apps.report.run_charts import circle_charts, target_charts
-from analysis.apps.report.chart import still
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
