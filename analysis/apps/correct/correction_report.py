@@ -91,12 +91,9 @@ def _changes(corrections: Corrections) -> Iterator[str]:
     if corrections.at_controller:
         return
     for zero in corrections.zeros:
-        yield _TEXTS("correct_by_mastering", axis=zero.axis, delta=f"{zero.delta:+z.4f}", u=f"{zero.u:.4f}")
+        yield _TEXTS("correct_by_mastering", zero=zero)
     for constant in corrections.constants:
-        yield _TEXTS(
-            "correct_by_constant", axis=constant.axis, key=constant.key, corrected=f"{constant.corrected:.6g}",
-            nominal=f"{constant.nominal:.6g}", u=f"{constant.u:.2g}",
-        )  # fmt: skip
+        yield _TEXTS("correct_by_constant", constant=constant)
 
 
 def _first(corrections: Corrections) -> str:

@@ -38,7 +38,7 @@ def blocks(program: CorrectedProgram) -> list[Block]:
     count, steps, left = len(program.names), len(program.beside_left_mm), len(program.left)
     places = counted(left, "place") if left else "no place"
     targets = counted(count, "target")
-    head = _TEXTS("program_head", name=program.path.name, maker=program.maker, targets=targets, places=places)
+    head = _TEXTS("program_head", program=program, targets=targets, places=places)
     between = _TEXTS("program_between", steps=counted(steps, "step")) if steps else ""
     not_tried = _TEXTS("program_not_tried") if count else ""
     return [
@@ -57,8 +57,7 @@ def _remarks(program: CorrectedProgram) -> Iterator[str]:
         partly = _TEXTS("program_partly", steps=counted(len(left_mm), "step"), mm=f"{left_mm.mean():.3f}")
         yield joined([partly, "" if program.held else _TEXTS("program_all_or_nothing")], "; ")
     for stated in program.overruled[:_LISTED]:
-        place = _place(program, stated.file, stated.line)
-        yield _TEXTS("program_overruled", place=place, kind=stated.kind, name=stated.name)
+        yield _TEXTS("program_overruled", place=_place(program, stated.file, stated.line), stated=stated)
     yield from (f"{_place(program, notice.file, notice.line)}: {notice.text}" for notice in program.notices[:_LISTED])
     if program.neutral:
         yield _TEXTS("program_neutral", names=", ".join(program.neutral))

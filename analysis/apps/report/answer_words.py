@@ -125,8 +125,8 @@ class AnswerWords:
     def contradictions(self) -> list[str]:
         return [
             self.texts(
-                "finding_contradicted", constant=self.constant_name(made), stated=made.stated,
-                measured=made.by_readings, difference=f"{abs(made.difference):.3g} {made.stated.sign}",
+                "finding_contradicted", constant=self.constant_name(made), made=made,
+                difference=f"{abs(made.difference):.3g} {made.stated.sign}",
             )
             for made in self.diagnosis.contradictions
         ]  # fmt: skip

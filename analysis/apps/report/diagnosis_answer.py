@@ -211,9 +211,8 @@ def _fault(words: AnswerWords, named: Named) -> Row:
 
 def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
     """Places on the circle where the faulty joint reverses and the readings disagree with the model."""
-    axis = getattr(named.effect, "axis", None)
-    places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
-    middles: list[float] = []
+    axis, middles = getattr(named.effect, "axis", 0), list[float]()
+    places = [place for place in diagnosis.where if place.joint == axis and place.test in CIRCLES]
     for place in sorted(places, key=lambda place: -place.sigma):
         middle = (place.from_deg + ((place.to_deg - place.from_deg) % 360.0) / 2) % 360.0
         if all(abs((middle - known_deg + 180.0) % 360.0 - 180.0) > _SAME_DEG for known_deg in middles):

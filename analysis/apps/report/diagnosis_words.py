@@ -13,7 +13,6 @@ from analysis.movement.inference import CauseOdds, short_name
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
-from rigs.schema.part import Vector
 from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 _WHOLE_LAP_DEG = 350.0
@@ -138,39 +137,29 @@ def size_of(cause: CauseOdds, texts: Texts = _ENGLISH, *, of_tracker: bool = Fal
     if cause.together:
         sizes = [(name_of(part.cause, texts, of_tracker=of_tracker), size_of(part, texts)) for part in cause.together]
         return "; ".join(map(" ".join, sizes))
-    if cause.size_deg is not None and cause.u is not None:
-        return _angle(cause.size_deg, cause.u)
-    if cause.translation_mm is None or cause.u is None:
-        return ""
-    return _shift(cause.translation_mm, cause.u, cause.rotation_deg, cause.u_rotation_deg, texts)
+    return _moved_by(cause, cause.u, cause.u, texts)
 
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
     kind = _kind(movement.what, movement.alike)
     thing = texts(f"moved_{kind}", axis=movement.axis or "", name=movement.name).rstrip()
-    size = ""
-    if movement.size_deg is not None and movement.u_deg is not None:
-        size = _angle(movement.size_deg, movement.u_deg)
-    elif movement.translation_mm is not None and movement.u_mm is not None:
-        size = _shift(movement.translation_mm, movement.u_mm, movement.rotation_deg, movement.u_rotation_deg, texts)
-    if movement.row is None:
-        return texts("moved_between", thing=thing, size=size, first=movement.from_, second=movement.to)
-    return texts("moved_from_row", thing=thing, size=size, row=movement.row, run=movement.run)
+    size = _moved_by(movement, movement.u_deg, movement.u_mm, texts)
+    return texts("moved_between" if movement.row is None else "moved_from_row", thing=thing, size=size, moved=movement)
 
 
-def _angle(size_deg: float, u_deg: float) -> str:
-    return f"{size_deg:+z.3f} ± {u_deg:.3f}°"
-
-
-def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: float | None, texts: Texts) -> str:
-    """Length of a shift, with the components and the turn that exceed their uncertainty."""
+def _moved_by(moved: CauseOdds | Movement, u_deg: float | None, u_mm: float | None, texts: Texts) -> str:
+    """An angle, or the length of a shift with the components and the turn that exceed their uncertainty."""
+    if moved.size_deg is not None and u_deg is not None:
+        return f"{moved.size_deg:+z.3f} ± {u_deg:.3f}°"
+    if (shift_mm := moved.translation_mm) is None or u_mm is None:
+        return ""
     shown = [f"{axis} {mm:+z.2f}" for axis, mm in zip("xyz", shift_mm, strict=True) if abs(mm) > _SMALL * u_mm]
     direction = f"{', '.join(shown)} mm" if shown else texts("moved_nowhere")
     words = f"{math.hypot(*shift_mm):.2f} ± {u_mm:.2f} mm ({direction})"
-    turn = math.hypot(*turn_deg) if turn_deg else 0.0
-    if u_turn_deg is None or turn <= _SMALL * u_turn_deg:
+    turn_deg, u_turn_deg = math.hypot(*(moved.rotation_deg or ())), moved.u_rotation_deg
+    if u_turn_deg is None or turn_deg <= _SMALL * u_turn_deg:
         return words
-    return f"{words}, {texts('moved_turned', turn=f'{turn:.3f} ± {u_turn_deg:.3f}°')}"
+    return f"{words}, {texts('moved_turned', turn=f'{turn_deg:.3f} ± {u_turn_deg:.3f}°')}"
 
 
 def act_after(movements: Sequence[Movement], texts: Texts) -> str:

@@ -171,13 +171,10 @@ def path_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
 
 
 def _measured(error: Deviation | None, texts: Texts) -> str:
-    if error is None:
-        return "–"
-    um, u = round(error.um, 1), round(error.u_um, 1)
-    return texts.counted("rms_and_largest", error.runs, um=um, u=u, largest=round(error.largest_um))
+    return "–" if error is None else texts.counted("rms_and_largest", error.runs, error=error)
 
 
 def _expected(error: Expected | None, texts: Texts) -> str:
-    if error is None or error.u_um is None:
-        return "–" if error is None else texts("rms_without_u", um=round(error.um, 1))
-    return texts("rms_and_u_of", um=round(error.um, 1), u=round(error.u_um, 1))
+    if error is None:
+        return "–"
+    return texts("rms_without_u" if error.u_um is None else "rms_and_u_of", error=error)
