@@ -98,6 +98,7 @@ _FILES = {
     **dict.fromkeys(("import-urdf", "export-urdf"), "arms"),
     **dict.fromkeys(("replay", "simulate"), "emulate"),
     "ball": "circle",
+    "calibrate": "diagnose",
     "import": "import_",
     "logs": "doctor",
 }
@@ -107,7 +108,7 @@ _APPS = {
     **dict.fromkeys(("arms", "export"), "interchange"),
     **dict.fromkeys(("circle", "doctor", "init", "moved"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history", "versions"), "plant"),
-    **dict.fromkeys(("analyse", "calibrate", "diagnose", "report"), "report"),
+    **dict.fromkeys(("analyse", "diagnose", "report"), "report"),
     **{
         name: name
         for name in ("certify", "correct", "emulate", "live", "pair", "paper", "parts", "postures", "session", "window")

@@ -1,4 +1,7 @@
-"""`rig diagnose RUN…`: disagreement of simulation and measurement, and the effects missing in the model."""
+"""`rig diagnose RUN…`: disagreement of simulation and measurement, and the effects missing in the model.
+
+`rig calibrate RUN…`: the calibrated model of a robot as a rig file and a calibration file.
+"""
 
 from __future__ import annotations
 
@@ -261,3 +264,52 @@ def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)
+
+
+@command(app, "rig calibrate runs/* -o better.yaml")
+def calibrate(
+    runs: RobotRunsBelow,
+    fit: Annotated[
+        str | None,
+        typer.Option(
+            help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one (docs/simulation.md); "
+            "default: those that the runs show."
+        ),
+    ] = None,
+    rig_file: ModelRig = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            parser=location,
+            autocompletion=completion.runs,
+            help="Run directory or URL to judge by, not used to fit; repeatable; default: a fifth of 60 or more.",
+        ),
+    ] = None,
+    unseen: RunsElsewhere = None,
+    calibration: Calibration = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Rig file to write; NAME.calibration.json is written to the same directory; default: none.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
+    import analysis
+    from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
+
+    if output:
+        refuse_existing_rig(output)
+    (measured, judges, elsewhere), rig, text, errors = load_uses(
+        (runs, hold_out or (), unseen or ()), rig_file, calibration
+    )
+    end_with(worst_code(errors))
+    with progress_of() as progress:
+        diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
+    say_diagnosis(diagnosis, output, "calibrated.yaml", as_json=as_json)
+    if output:
+        say_written(write_model(diagnosis, text, output))
+        say_correct(diagnosis, output)
