@@ -15,7 +15,7 @@ from analysis.apps.report.chart import as_png, sheet_of
 from analysis.apps.report.diagnosis_answer import places_blocks, stairs_of_model, stairs_table
 from analysis.apps.report.model_charts import compared_chart, disagreement_picture
 from analysis.apps.report.run_charts import distinctly_named
-from analysis.apps.report.texts import LEADING, in_order, label, texts_of
+from analysis.apps.report.texts import LEADING, in_order, texts_of
 from analysis.diagnosis.judge.comparison import Compared, Comparison
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def answer_of(compared: Compared) -> list[Block]:
         rows = list[Row]()
         for name in (names := in_order(figures.keys() & simulated.keys())):
             figure, value = figures[name], simulated[name].value
-            rows.append((label(name), str(figure), figure.rounded(value), figure.rounded(figure.value - value)))
+            rows.append((texts.label(name), str(figure), figure.rounded(value), figure.rounded(figure.value - value)))
         rows.append(("correlation of the curves", "", f"{comparison.correlation:z.4f}", ""))
         rows.append(("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", ""))
         ranks = (*("unusual" if name in LEADING else "" for name in names), "", "")

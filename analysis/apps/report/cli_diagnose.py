@@ -129,7 +129,6 @@ def say_diagnosis(diagnosis: Diagnosis, output: Path | None, to: str = "found", 
 
 def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
     """True for a single table with the joints of two arms. Raises UseError if a second arm is given for other data."""
-
     has_both = False
     if len(runs) == 1 and is_table(runs[0]):
         from analysis.intake.imports import has_two_arms
@@ -147,14 +146,10 @@ def two_arms_diagnosed(
     """Calibrate both arms of a table, as `rig pair` does."""
     from analysis.cli.commands import import_command
 
-    if first is None or second is None:
+    if first is None or second is None or not is_alone:
         problem = "has p1_deg …, the joints of a second arm, which holds the socket"
-        remedy = "give the rig files of both arms: --rig FIRST (ball) --second SECOND (socket)"
+        remedy = "give the rig files of both arms, and no further runs: --rig FIRST (ball) --second SECOND (socket)"
         raise UseError(str(table), problem, remedy, code="diagnose.second")
-    if not is_alone:
-        raise UseError(
-            "--hold-out and --unseen", "are not used for touches of two arms", "leave them out", code="diagnose.second"
-        )
     say(f"{table}: touches of two arms, according to the columns; the result is that of rig pair", err=True)
     pair = cast("Callable[..., None]", import_command("pair").callback)
     pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 
 from analysis.apps.report.chart import (
@@ -24,7 +24,7 @@ from analysis.apps.report.chart import (
     marks_of,
     sheet_of,
 )
-from analysis.apps.report.texts import LEADING, Texts, label, texts_of
+from analysis.apps.report.texts import LEADING, Texts, texts_of
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pose import PoseResult
 from analysis.procedures.results import Result, by_test
@@ -260,18 +260,22 @@ def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
-    texts, figures = texts_of("en"), dict[str, Callable[[], Figure]]()
+    texts, files = texts_of("en"), dict[str, Callable[[BinaryIO], None]]()
     for group in by_test(results):  # one test on one rig, both part of the file name
         rig = group[0].measured.rig.name
         stem = f"{rig}-{group[0].test}"
         if isinstance(group[0].found, CircleResult):
             title = f"{texts.test(group[0].test)} · {rig}"
             for kind, charts in (("raw", raw_charts), ("error", circle_charts)):
-                figures[f"{stem}-{kind}.png"] = partial(_circles, title, charts, group)
-        else:
-            for name, result in distinctly_named(group):
-                figures[f"{stem}-{name}.png"] = partial(_targets, result)
-    return write_views(directory, {name: as_png(figure) for name, figure in figures.items()})
+                files[f"{stem}-{kind}.png"] = as_png(partial(sheet_of, [title], charts(group, texts)))
+            continue
+        for name, result in distinctly_named(group):
+            figures = [
+                f"{texts.label(key).strip()} {figure}" for key, figure in result.figures.items() if key in LEADING
+            ]
+            lines = [f"{result.title} · {rig} · {result.name}", *figures]
+            files[f"{stem}-{name}.png"] = as_png(partial(sheet_of, lines, target_charts(result, texts)))
+    return write_views(directory, files)
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
@@ -281,13 +285,3 @@ def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
         (name if names.count(name) == 1 else f"{name}-{place}", result)
         for place, (name, result) in enumerate(zip(names, results, strict=True), start=1)
     ]
-
-
-def _circles(title: str, charts: Callable[..., Sequence[Picture]], group: Sequence[Result]) -> Figure:
-    return sheet_of([title], charts(group, texts_of("en")))
-
-
-def _targets(result: Result) -> Figure:
-    figures = [f"{label(name).strip()} {figure}" for name, figure in result.figures.items() if name in LEADING]
-    title = f"{result.title} · {result.measured.rig.name} · {result.name}"
-    return sheet_of([title, *figures], target_charts(result, texts_of("en")))

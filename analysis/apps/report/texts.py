@@ -5,7 +5,7 @@ Answers in English only have their sentences in `english.yaml`. Doubts and remed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -23,22 +23,6 @@ def in_order(names: Iterable[str]) -> list[str]:
     """Distinct names in the order of the labels, unknown ones last."""
     place = {name: k for k, name in enumerate(texts_of("en").labels)}
     return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
-
-
-def label(name: str) -> str:
-    return texts_of("en").label(name)
-
-
-def whole_label(name: str, label: Callable[[str], str] = label) -> str:
-    """Label outside a table, a detail after the main line: `position error, largest`."""
-    text = label(name)
-    if not text.startswith(" "):
-        return text
-    known = list(texts_of("en").labels)
-    above = next(main for main in known[known.index(name) :: -1] if not label(main).startswith(" "))
-    # The place of the largest value is a detail of that line; a mean belongs to the rms.
-    of = label(above) if name.endswith("_at_deg") else label(above).partition(", ")[0]
-    return f"{of}, {text.strip()}"
 
 
 Language = Literal["en", "de", "ko"]
@@ -112,6 +96,17 @@ class Texts:
 
     def label(self, name: str) -> str:
         return self.labels.get(name) or texts_of("en").labels.get(name, name)
+
+    def whole_label(self, name: str) -> str:
+        """Label outside a table, a detail after the main line: `position error, largest`."""
+        text = self.label(name)
+        if not text.startswith(" "):
+            return text
+        known = list(texts_of("en").labels)
+        above = next(main for main in known[known.index(name) :: -1] if not self.label(main).startswith(" "))
+        # The place of the largest value is a detail of that line; a mean belongs to the rms.
+        of = self.label(above) if name.endswith("_at_deg") else self.label(above).partition(", ")[0]
+        return f"{of}, {text.strip()}"
 
 
 @cache

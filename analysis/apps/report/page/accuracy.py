@@ -14,7 +14,7 @@ from analysis.api import Diagnosis, Result
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import Summary
-from analysis.apps.report.texts import Texts, joined, whole_label
+from analysis.apps.report.texts import Texts, joined
 from analysis.correction.deviation import Deviation, Expected, Side, Work
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
 from analysis.procedures.shared.test_kind import labels_of
@@ -85,7 +85,7 @@ def limits_blocks(verdict: PageVerdict, texts: Texts, heading: str) -> list[Bloc
 
 def figure_title(figure: JudgedFigure, texts: Texts) -> str:
     direction = texts("acw_against_cw") if figure.column.kind == "pairs" else figure.column.direction
-    return f"{joined([texts.test(figure.test), direction])}: {whole_label(figure.name, texts.label)}"
+    return f"{joined([texts.test(figure.test), direction])}: {texts.whole_label(figure.name)}"
 
 
 def example_limits(verdict: PageVerdict) -> str:

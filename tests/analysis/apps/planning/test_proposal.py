@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from analysis.apps.planning import proposal as proposals
-from analysis.apps.planning.plan_report import write
 from analysis.apps.planning.proposal import (
     CircleProposal,
     circle_candidates,

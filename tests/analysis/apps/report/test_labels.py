@@ -1,6 +1,8 @@
 """Rows of a report: every figure has a label, and details stand under the line that they belong to."""
 
-from analysis.apps.report.texts import in_order, label, texts_of, whole_label
+from analysis.apps.report.texts import in_order, texts_of
+
+whole_label = texts_of("en").whole_label
 
 
 def test_details_stand_under_their_line_and_none_is_lost():
@@ -23,7 +25,7 @@ def test_details_stand_under_their_line_and_none_is_lost():
 
 def test_turns_have_labels():
     for name in (f"{what}_{axis}_deg" for what in ("ap", "rp") for axis in "abc"):
-        assert label(name) != name
+        assert texts_of("en").label(name) != name
 
 
 def test_figure_alone_names_what_it_details():
