@@ -106,20 +106,21 @@ class AnswerWords:
     def preconditions(self) -> list[str]:
         """Sentences that limit all conclusions and therefore come first."""
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements]
-        commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
-        return [*self.contradictions, *moved, *commanded, *(self.unrepeated if self._repeats_decide else [])]
+        commanded = self.texts("finding_only_commanded") if self.diagnosis.only_commanded else ""
+        unrepeated = self.unrepeated if self._repeats_decide else ""
+        return [sentence for sentence in (*self.contradictions, *moved, commanded, unrepeated) if sentence]
 
     @property
     def _repeats_decide(self) -> bool:
         return self.diagnosis.next_act is not None and self.diagnosis.next_act.why == "revisit"
 
     @property
-    def unrepeated(self) -> list[str]:
+    def unrepeated(self) -> str:
         """Deviations above the usual scatter, if no target was visited twice."""
-        residual = self.diagnosis.residual
-        if residual.unrepeated_um is None or is_mostly_scatter(self.diagnosis):
-            return []
-        return [self.texts("finding_unrepeated", um=micrometres(residual.unrepeated_um))]
+        um = self.diagnosis.residual.unrepeated_um
+        if um is None or is_mostly_scatter(self.diagnosis):
+            return ""
+        return self.texts("finding_unrepeated", um=micrometres(um))
 
     @property
     def contradictions(self) -> list[str]:
@@ -308,7 +309,7 @@ class AnswerWords:
         """The error of unknown cause; empty if another sentence states it."""
         residual, condition = self.diagnosis.residual, self.diagnosis.condition
         if self.unrepeated:
-            return "" if self._repeats_decide else self.unrepeated[0]
+            return "" if self._repeats_decide else self.unrepeated
         if not residual.is_material or condition in ("outside_library", "out_of_range"):
             return ""
         where = "_there" if residual.at_new_places else ""

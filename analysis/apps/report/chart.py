@@ -333,7 +333,7 @@ def _draw_picture(sheet: FigureBase, picture: Picture) -> None:
     else:
         axes: Axes = sheet.subplots()
         _lay_out(axes, picture)
-        _legend(sheet, axes, picture)
+        _legend(sheet, axes)
 
 
 def _panels(sheet: FigureBase, chart: Chart) -> None:
@@ -348,13 +348,13 @@ def _panels(sheet: FigureBase, chart: Chart) -> None:
     for axes in panels[-2:]:
         axes.set_xlabel(chart.x_label)
     sheet.supylabel(chart.y_label, fontsize=8)
-    _legend(sheet, panels[0], chart)
+    _legend(sheet, panels[0])
 
 
-def _legend(sheet: FigureBase, axes: Axes, chart: Chart) -> None:
-    is_wide = sum(len(line.name) for line in chart.lines) > _WIDEST
-    columns = 3 if is_wide else len(chart.lines)
-    sheet.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)
+def _legend(sheet: FigureBase, axes: Axes) -> None:
+    handles, names = axes.get_legend_handles_labels()
+    columns = 3 if sum(map(len, names)) > _WIDEST else len(names)
+    sheet.legend(handles, names, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
@@ -410,7 +410,7 @@ def _polar(sheet: FigureBase, chart: Chart) -> None:
     axes.set_rlabel_position(45.0)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines["polar"].set_visible(False)
-    sheet.legend(loc="outside lower center", ncols=len(chart.lines), frameon=False)
+    _legend(sheet, axes)
 
 
 def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
@@ -428,4 +428,4 @@ def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     axes.view_init(elev=28, azim=-45)
     for name in "xyz":
         getattr(axes, f"set_{name}label")(f"{name} / mm")
-    sheet.legend(loc="outside lower center", ncols=3, frameon=False)
+    _legend(sheet, axes)

@@ -217,7 +217,7 @@ class _SummaryWords(ActWords):
         cause = [self._cause(causes), *filter(None, [remark, undecided, self.unexplained_too])]
         before = self.preconditions
         # A scatter that only repeats can separate from errors does not come before a certain cause.
-        is_found = any(known.is_certain for known in causes) and before == self.unrepeated
+        is_found = any(known.is_certain for known in causes) and before == [self.unrepeated]
         return [*cause, *before] if is_found else [*before, *cause]
 
     def _cause(self, causes: Sequence[_Cause]) -> str:
