@@ -251,9 +251,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     contents = _contents(corrections)
     ways = [f"{key}: {way}" for key, way in _WAYS.items() if contents.get(key) or (key == "path" and corrections.path)]
     date = dt.datetime.now(dt.UTC).date()
-    head = (
-        f"Corrections for the cell {corrections.rig.name} by the effects of the rig file and the calibration beside it"
-    )
+    source = "the effects of the rig file and the calibration beside it"
+    head = f"Corrections for the cell {corrections.rig.name} by {source}, {date}."
     nothing = _NOTHING if corrections.rig.takes_programs else "There are no values to enter: see --path."
     lines = [head, *(ways or [nothing]), _ONE, "u: standard uncertainty."]
     against = corrections.errors if why_nothing(corrections.rig) else corrections.in_vain
