@@ -82,8 +82,7 @@ def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:
                 colour = "0.6" if one.now.probability is None else green(one.now.probability)
                 axes.plot(*places.T, "o-", ms=5, color=colour)
                 axes.annotate(one.feature.name, np.mean(places, axis=0), fontsize=7)
-        axes.set_xlabel("x / mm")
-        axes.set_ylabel(f"{name} / mm")
+        axes.set(xlabel="x / mm", ylabel=f"{name} / mm")
         axes.set_aspect("equal", adjustable="datalim")
     sheet.colorbar(mpl.cm.ScalarMappable(cmap=green), ax=panels, label="probability inside; grey: unknown")
     return Markup(svg_of(sheet))  # noqa: S704 - matplotlib escapes the names of features

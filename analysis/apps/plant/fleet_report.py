@@ -109,12 +109,11 @@ def write_figures(fleet: Fleet, path: Path) -> None:
             strays = [_label("", "", run) | {"problem": why} for run, why in fleet.strays]
             file.write_table(pa.Table.from_pylist(strays, schema))
         durable.rename(temporary, path)
-    except BaseException as error:
+    except OSError as error:
+        raise FileError.of_os(path, error, "choose a different --parquet", code="file.not_writable") from None
+    finally:
         with suppress(OSError):
             temporary.unlink()
-        if isinstance(error, OSError):
-            raise FileError.of_os(path, error, "choose a different --parquet", code="file.not_writable") from None
-        raise
 
 
 def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:

@@ -371,8 +371,8 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
         )  # fmt: skip
     if chart.frame == "straight":
         axes.set_xlim(0, 360)
-        each = range(0, 361, 90 if shared else 30)
-        axes.set_xticks(each, [f"{angle}°" for angle in each])
+        axes.set_xticks(range(0, 361, 90 if shared else 30))
+        axes.xaxis.set_major_formatter("{x:.0f}°")
     if chart.ticks:
         axes.set_xticks([at for at, _ in chart.ticks], [name for _, name in chart.ticks])
     if chart.frame == "plane":
@@ -380,8 +380,7 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
     if chart.span:
         axes.set_ylim(*chart.span)
     if not shared:
-        axes.set_xlabel(chart.x_label)
-        axes.set_ylabel(chart.y_label)
+        axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
 
@@ -405,7 +404,7 @@ def _polar(sheet: FigureBase, chart: Chart) -> None:
     for line in chart.lines:
         _draw(axes, replace(line, x=np.radians(np.append(line.x, line.x[0])), y=np.append(line.y, line.y[0])))
     axes.set_rlim(-chart.hole, 1.4 * chart.largest)
-    axes.set_xticks(np.radians(range(0, 360, 30)), [f"{angle}°" for angle in range(0, 360, 30)])
+    axes.set_thetagrids(range(0, 360, 30))
     axes.set_yticks([0, chart.largest], ["", f"+{chart.largest_shown} {chart.unit}"], color=_GREY)
     axes.set_rlabel_position(45.0)
     axes.grid(color=_RULE, lw=0.5)
@@ -426,6 +425,5 @@ def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     axes.plot(*at, ls="", marker="o", ms=2.5, color="black", label=targets)
     axes.set_box_aspect((2.0, 2.0, 1.0), zoom=0.85)  # proportions of a hemisphere
     axes.view_init(elev=28, azim=-45)
-    for name in "xyz":
-        getattr(axes, f"set_{name}label")(f"{name} / mm")
+    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm")
     _legend(sheet, axes)

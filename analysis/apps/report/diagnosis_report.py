@@ -28,10 +28,9 @@ def extended_files(
     text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None
 ) -> dict[str, Writer]:
     """The calibrated model as NAME.calibration.json, then the rig file with effects added by name."""
-    files, named = {}, None
+    files, named, name = {}, None, calibration_path(output).name
     if calibrated:
-        path, content = calibration_path(output), calibrated.content
-        named, files[path.name] = calibration_file(path.name, content), holding(content)
+        named, files[name] = calibration_file(name, calibrated.content), holding(calibrated.content)
     return files | {output.name: holding(extended(text, effects, str(output), named).encode())}
 
 

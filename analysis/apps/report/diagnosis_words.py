@@ -111,13 +111,11 @@ optimistic.
 
 def remains_rows(residual: HeldOutResidual, texts: Texts) -> list[tuple[str, str]]:
     """Each tested quantity with its share of the residual, or the reason for a missing share."""
-
-    def words(share: float | None) -> str:
-        if share is None:
-            return texts("remains_unknown")
-        return percent(share) if share >= _FOUND else texts("remains_undetected")
-
-    return [(texts(f"remains_{subject}"), words(share)) for subject, share in residual.looked.items()]
+    rows = list[tuple[str, str]]()
+    for subject, share in residual.looked.items():
+        key = "remains_unknown" if share is None else "remains_undetected"
+        rows.append((texts(f"remains_{subject}"), percent(share) if share and share >= _FOUND else texts(key)))
+    return rows
 
 
 _ENGLISH = texts_of("en")
