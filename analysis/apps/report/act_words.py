@@ -21,7 +21,8 @@ from rigs.text import as_argument
 REPAIRS = ("repair", "remaster", "enter", "mount")
 """Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
 _KEYS = {
-    "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
+    "few_runs": "next_repeat", "one_lap": "act_one_lap", "elsewhere": "act_elsewhere", "revisit": "act_revisit",
+    "commanded": "act_commanded",
     "not_visible": "next_plan", "visits_differ": "act_repeats_differ", "gauges_differ": "act_gauges_differ",
 }  # fmt: skip
 """Text keys of measurements by their reason."""
@@ -169,12 +170,9 @@ class ActWords(AnswerWords):
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test
-        if act.why in ("few_runs", "one_lap"):
-            cause = self.noun(act.effect) if act.effect else ""
-            key = "next_repeat" if act.why == "few_runs" else "act_one_lap"
-            return self.of_places(key, cause=cause, count=act.runs)
         if act.why in _KEYS:
-            return self.of_places(_KEYS[act.why])
+            cause = self.noun(act.effect) if act.effect else ""
+            return self.of_places(_KEYS[act.why], cause=cause, count=act.runs)
         if act.why == "follows" and (followed := self.diagnosis.residual.likeliest):
             return texts(f"act_follows_{followed.what}", joint=self.joint(followed))
         if test is None:

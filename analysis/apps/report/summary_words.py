@@ -226,11 +226,10 @@ class _SummaryWords(ActWords):
         is_unknown = condition in ("out_of_range", "outside_library") or (condition == "undecided" and names_open)
         is_scatter = self.standing == "undecided" and condition != "undecided"
         is_group = self.standing == "unusual_group" and not any(cause.is_single for cause in causes)
-        if is_unknown or not causes or is_scatter or is_group:
-            return capital(self.usual_or_faults or self.condition_sentence)
-        is_minor = causes[0].is_fault or is_certain_except_small(self.diagnosis)
-        if (undecided := self.usual_or_faults) and not is_minor:
-            return capital(undecided)
+        undecided = self.usual_or_faults
+        is_minor = is_certain_except_small(self.diagnosis) or (causes and causes[0].is_fault)
+        if not causes or is_unknown or is_scatter or is_group or (undecided and not is_minor):
+            return capital(undecided or self.condition_sentence)
         first, *others = causes
         words = first.words
         if not first.is_fault and (faults := [cause for cause in others if cause.is_fault]):
