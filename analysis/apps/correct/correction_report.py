@@ -22,7 +22,7 @@ from analysis.apps.programs.target_path import corrected_columns
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.blocks import as_object as blocks_object
 from analysis.apps.report.diagnosis_words import plain
-from analysis.apps.report.texts import capital, joined, texts_of
+from analysis.apps.report.texts import ENGLISH, capital, joined
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import ANYWAY, Support, reason_against_model, why_nothing
@@ -51,21 +51,18 @@ _NOTHING = (
 _ONE = "Use only one: zeros and constants, or the parameters of the controller, or corrected targets."
 
 
-_TEXTS = texts_of("en")
-
-
 def answer_of(corrections: Corrections) -> list[Block]:
     """The advice, the effects with their use, the values to change, and the benefit."""
     rig, blocks = corrections.rig, list[Block]()
     if why := why_nothing(rig):
-        blocks.append(Sentence(_TEXTS("correct_advised_against", why=why), "fail"))
+        blocks.append(Sentence(ENGLISH("correct_advised_against", why=why), "fail"))
     wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
     if wrong:
         names = ", ".join(plain(rig, effect) for effect in wrong)
-        blocks.append(Sentence(_TEXTS("correct_check_first", names=names), "watch"))
+        blocks.append(Sentence(ENGLISH("correct_check_first", names=names), "watch"))
     blocks.append(Sentence(_first(corrections), "strong"))
     if rig.calibrated:
-        blocks.append(Sentence(_TEXTS("correct_of_runs", um=f"{rig.calibrated.before_um:.0f}")))
+        blocks.append(Sentence(ENGLISH("correct_of_runs", um=f"{rig.calibrated.before_um:.0f}")))
     if rows := [_effect(support, rig) for support in (*corrections.effects, *corrections.calibrated)]:
         blocks.append(Table(("error", "value ± u", "corrected by", "reason"), rows, {1}))
     blocks += paragraphs((*_changes(corrections), *_path_lines(corrections)))
@@ -73,7 +70,7 @@ def answer_of(corrections: Corrections) -> list[Block]:
         blocks += controller_blocks(corrections.at_controller, rig, entered=corrections.entered)
     blocks += [block for program in corrections.programs for block in program_report.blocks(program)]
     if rig.controller == "unknown":
-        unknown = _TEXTS("correct_controller_unknown", remedy=how_to_state_controller(rig))
+        unknown = ENGLISH("correct_controller_unknown", remedy=how_to_state_controller(rig))
         blocks.append(Sentence(unknown, "doubt"))
     return blocks
 
@@ -91,28 +88,28 @@ def _changes(corrections: Corrections) -> Iterator[str]:
     if corrections.at_controller:
         return
     for zero in corrections.zeros:
-        yield _TEXTS("correct_by_mastering", zero=zero)
+        yield ENGLISH("correct_by_mastering", zero=zero)
     for constant in corrections.constants:
-        yield _TEXTS("correct_by_constant", constant=constant)
+        yield ENGLISH("correct_by_constant", constant=constant)
 
 
 def _first(corrections: Corrections) -> str:
-    work, of_work = corrections.work, _TEXTS.not_known(corrections.work.unknown)
+    work, of_work = corrections.work, ENGLISH.not_known(corrections.work.unknown)
     programs, path = corrections.programs, corrections.path
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
         key = "correct_nothing_reasons" if corrections.effects else "correct_nothing"
-        return joined([_TEXTS(key, um=f"{work.before_um:.0f}"), of_work])
+        return joined([ENGLISH(key, um=f"{work.before_um:.0f}"), of_work])
     if corrections.at_controller:
         first = controller_sentence(corrections.at_controller, entered=corrections.entered)
         return joined([first, _never_both(corrections), of_work])
     if programs and all(program.held for program in programs) and not path:
-        return _TEXTS("correct_none_written")
+        return ENGLISH("correct_none_written")
     if programs and not any(program.names for program in programs) and not path:
-        return _TEXTS("correct_no_target", names=", ".join(program.path.name for program in programs))
+        return ENGLISH("correct_no_target", names=", ".join(program.path.name for program in programs))
     errors = {file: error for file, error in corrections.errors.items() if error}
-    sentences = [_falls(_TEXTS("correct_move_to_file", file=file.name), error) for file, error in errors.items()]
+    sentences = [_falls(ENGLISH("correct_move_to_file", file=file.name), error) for file, error in errors.items()]
     if not sentences:
-        how = _TEXTS("correct_move" if corrections.rig.takes_programs else "correct_move_targets")
+        how = ENGLISH("correct_move" if corrections.rig.takes_programs else "correct_move_targets")
         sentences = [_falls(how, work, of_work=True)]
     gains = any(error.gains for error in errors.values()) if corrections.errors else work.gains
     return joined([*sentences, _never_both(corrections) if gains else ""])
@@ -122,13 +119,13 @@ def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
     """The error after a way of correction, over the work area or at the targets of a file."""
     is_falling = error.before_um - error.after_um >= GAIN_UM
     key = "correct_falls" if is_falling else "correct_falls_in_base" if error.gains else "correct_no_gain"
-    taught = _TEXTS("correct_taught_elsewhere" if error.taught_elsewhere else "correct_taught")
-    where = _TEXTS("correct_over_work" if of_work else "correct_at_targets")
-    sentence = _TEXTS(key, how=how, where=where, taught=taught, error=error)
+    taught = ENGLISH("correct_taught_elsewhere" if error.taught_elsewhere else "correct_taught")
+    where = ENGLISH("correct_over_work" if of_work else "correct_at_targets")
+    sentence = ENGLISH(key, how=how, where=where, taught=taught, error=error)
     note = base_note(error.base_u_um, error.after_um) if is_falling else ""
     if of_work or not error.unknown:
-        return joined([sentence, note, _TEXTS.not_known(error.unknown)])
-    return joined([sentence, note, _TEXTS("correct_outside", share=f"{max(100 * error.unknown, 1):.0f}")])
+        return joined([sentence, note, ENGLISH.not_known(error.unknown)])
+    return joined([sentence, note, ENGLISH("correct_outside", share=f"{max(100 * error.unknown, 1):.0f}")])
 
 
 def why_not(corrections: Corrections) -> str:
@@ -143,11 +140,11 @@ def why_not(corrections: Corrections) -> str:
 def _never_both(corrections: Corrections) -> str:
     """Warning against correcting twice, at the controller and in the targets."""
     if not corrections.at_controller:
-        return _TEXTS("correct_one_method" if corrections.rig.takes_programs else "correct_one_method_targets")
+        return ENGLISH("correct_one_method" if corrections.rig.takes_programs else "correct_one_method_targets")
     if not (corrections.at_controller.entries and corrections.path):
-        return _TEXTS("correct_entries_only") if corrections.at_controller.entries else ""
+        return ENGLISH("correct_entries_only") if corrections.at_controller.entries else ""
     key = "correct_with_entries" if corrections.entered else "correct_without_entries"
-    return _TEXTS(key, file=f"corrected-{corrections.path[0].name}")
+    return ENGLISH(key, file=f"corrected-{corrections.path[0].name}")
 
 
 def _path_lines(corrections: Corrections) -> Iterator[str]:
@@ -155,7 +152,7 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
         return
     path, _, targets = corrections.path
     accuracy = program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])
-    yield _TEXTS(
+    yield ENGLISH(
         "correct_path", file=path.name, targets=counted(int(targets.done.sum()), "target"), accuracy=accuracy,
         missed=f"{np.nanmax(targets.missed_mm):.3f}", rest=_small(np.nanmax(_left_out_mm(targets))),
     )  # fmt: skip
@@ -163,10 +160,10 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
     words = {label_of(effect): plain(corrections.rig, effect) for effect in rest}
     each = [f"{words[name]} {_small(mm)}" for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
     if each:
-        yield _TEXTS("correct_path_rest", names=", ".join(each))
+        yield ENGLISH("correct_path_rest", names=", ".join(each))
     yield from targets.doubts
     if targets.left:
-        yield _TEXTS("correct_path_left", targets=counted(len(targets.left), "target"))
+        yield ENGLISH("correct_path_left", targets=counted(len(targets.left), "target"))
 
 
 def _left_out_mm(targets: CorrectedTargets) -> Array:
@@ -181,7 +178,7 @@ def _budget(targets: CorrectedTargets) -> dict[str, float]:
 
 
 def _small(mm: float) -> str:
-    return _TEXTS("correct_small") if mm < _REPORTED_MM else f"{mm:.3f} mm"
+    return ENGLISH("correct_small") if mm < _REPORTED_MM else f"{mm:.3f} mm"
 
 
 def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
@@ -294,34 +291,34 @@ def controller_sentence(entries: ControllerEntries, *, entered: bool = False) ->
     note = base_note(entries.base_u_um, entries.by_targets_um)
     if not entries.entries:
         is_better = entries.carried_by_targets_um >= _REPORTED_UM
-        instead = _TEXTS("entries_targets", error=entries) if is_better else ""
-        return joined([_TEXTS("entries_none", error=entries), instead, note])
+        instead = ENGLISH("entries_targets", error=entries) if is_better else ""
+        return joined([ENGLISH("entries_none", error=entries), instead, note])
     count = len(entries.entries)
-    values = _TEXTS("entries_value" if count == 1 else "entries_values", count=count)
-    does = _TEXTS("entries_entered" if entered else "entries_enter", values=values)
-    check = _TEXTS("entries_readings_change" if entries.controller.changes_reading else "entries_readings_stay")
-    return joined([_TEXTS("entries_first", does=does, error=entries, check=check), note])
+    values = ENGLISH("entries_value" if count == 1 else "entries_values", count=count)
+    does = ENGLISH("entries_entered" if entered else "entries_enter", values=values)
+    check = ENGLISH("entries_readings_change" if entries.controller.changes_reading else "entries_readings_stay")
+    return joined([ENGLISH("entries_first", does=does, error=entries, check=check), note])
 
 
 def base_note(base_u_um: float, after_um: float) -> str:
     """Note on the position of the arm on its base, if its uncertainty is more than a third of the squared error."""
     is_large = base_u_um**2 > _THIRD * (base_u_um**2 + after_um**2)
-    return _TEXTS("correct_base_unknown", u=f"{base_u_um / 1e3:.2g}") if is_large else ""
+    return ENGLISH("correct_base_unknown", u=f"{base_u_um / 1e3:.2g}") if is_large else ""
 
 
 def controller_blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> list[Block]:
     """The values to enter with their benefit, the steps, and the remaining error. entered: the controller has them."""
     controller, parts = entries.controller, list[Block]()
     if entries.entries:
-        heading = _TEXTS("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
-        parts += [Heading(heading, 3), _table(entries.entries), Sentence(_TEXTS("entries_about"), "note")]
+        heading = ENGLISH("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
+        parts += [Heading(heading, 3), _table(entries.entries), Sentence(ENGLISH("entries_about"), "note")]
         parts += [Sentence(f"{k}. {step}") for k, step in enumerate(() if entered else entries.steps, start=1)]
-        parts += paragraphs([_TEXTS("entries_source", source=controller.source), controller.missing], "note")
+        parts += paragraphs([ENGLISH("entries_source", source=controller.source), controller.missing], "note")
     if controller.scale and any(entry.unit == "deg" for entry in entries.entries):
-        parts.append(Sentence(_TEXTS("entries_scale", scale=controller.scale, unit=controller.unit)))
-    lines = [_TEXTS("entries_twins", names=", ".join(group)) for group in entries.twins]
+        parts.append(Sentence(ENGLISH("entries_scale", scale=controller.scale, unit=controller.unit)))
+    lines = [ENGLISH("entries_twins", names=", ".join(group)) for group in entries.twins]
     lines += [
-        _TEXTS("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}")
+        ENGLISH("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}")
         for effect, um in entries.not_entered
         if um >= _REPORTED_UM
     ]
@@ -331,8 +328,8 @@ def controller_blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = F
     before_um, after_um = entries.elsewhere_um
     is_worse = after_um > before_um
     key = "entries_elsewhere_worse" if is_worse else "entries_elsewhere"
-    elsewhere = Sentence(_TEXTS(key, before=before_um, after=after_um), "doubt" if is_worse else "plain")
-    return [*parts, Sentence(_TEXTS("entries_gain", error=entries), "strong"), elsewhere]
+    elsewhere = Sentence(ENGLISH(key, before=before_um, after=after_um), "doubt" if is_worse else "plain")
+    return [*parts, Sentence(ENGLISH("entries_gain", error=entries), "strong"), elsewhere]
 
 
 def _table(entries: Sequence[ControllerChange]) -> Table:

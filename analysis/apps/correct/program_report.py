@@ -11,7 +11,7 @@ import numpy as np
 from analysis.apps.correct.corrected_program import MOST_MM, CorrectedProgram
 from analysis.apps.correct.shared_corrections import REMAINING_SHARE, SharedCorrection
 from analysis.apps.report.blocks import Block, Heading, Sentence, paragraphs
-from analysis.apps.report.texts import joined, texts_of
+from analysis.apps.report.texts import ENGLISH, joined
 from analysis.correction.corrected_targets import WorkError
 from analysis.correction.reasons import WHY, Reason
 from analysis.robot.kinematics.arm import Array
@@ -19,7 +19,6 @@ from analysis.runs.noise.readings import rms
 from analysis.runs.tabular import pick_fields
 from rigs.text import counted, first_of
 
-_TEXTS = texts_of("en")
 _LISTED = 30
 """Places of one kind in the answer; corrections.yaml lists more."""
 _KEPT = 10_000
@@ -38,9 +37,9 @@ def blocks(program: CorrectedProgram) -> list[Block]:
     count, steps, left = len(program.names), len(program.beside_left_mm), len(program.left)
     places = counted(left, "place") if left else "no place"
     targets = counted(count, "target")
-    head = _TEXTS("program_head", program=program, targets=targets, places=places)
-    between = _TEXTS("program_between", steps=counted(steps, "step")) if steps else ""
-    not_tried = _TEXTS("program_not_tried") if count else ""
+    head = ENGLISH("program_head", program=program, targets=targets, places=places)
+    between = ENGLISH("program_between", steps=counted(steps, "step")) if steps else ""
+    not_tried = ENGLISH("program_not_tried") if count else ""
     return [
         Heading(joined([head, between], ", "), 3),
         *paragraphs(_remarks(program)),
@@ -52,40 +51,40 @@ def blocks(program: CorrectedProgram) -> list[Block]:
 def _remarks(program: CorrectedProgram) -> Iterator[str]:
     moved, left_mm = program.moved_mm, program.beside_left_mm
     if program.held:
-        yield _TEXTS("program_held")
+        yield ENGLISH("program_held")
     if len(left_mm):
-        partly = _TEXTS("program_partly", steps=counted(len(left_mm), "step"), mm=f"{left_mm.mean():.3f}")
-        yield joined([partly, "" if program.held else _TEXTS("program_all_or_nothing")], "; ")
+        partly = ENGLISH("program_partly", steps=counted(len(left_mm), "step"), mm=f"{left_mm.mean():.3f}")
+        yield joined([partly, "" if program.held else ENGLISH("program_all_or_nothing")], "; ")
     for stated in program.overruled[:_LISTED]:
-        yield _TEXTS("program_overruled", place=_place(program, stated.file, stated.line), stated=stated)
+        yield ENGLISH("program_overruled", place=_place(program, stated.file, stated.line), stated=stated)
     yield from (f"{_place(program, notice.file, notice.line)}: {notice.text}" for notice in program.notices[:_LISTED])
     if program.neutral:
-        yield _TEXTS("program_neutral", names=", ".join(program.neutral))
+        yield ENGLISH("program_neutral", names=", ".join(program.neutral))
     if program.start:
         angles = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
-        yield _TEXTS("program_start", angles=angles)
+        yield ENGLISH("program_start", angles=angles)
     if program.names:
         accuracy = reached(program.u_frame_mm, program.u_mm)
-        yield _TEXTS("program_moved", largest=f"{moved.max():.3f}", rms=f"{rms(moved):.3f}", accuracy=accuracy)
+        yield ENGLISH("program_moved", largest=f"{moved.max():.3f}", rms=f"{rms(moved):.3f}", accuracy=accuracy)
     if len(given_away := program.given_away_mm[np.isfinite(program.given_away_mm)]):
         targets = counted(len(given_away), "target")
-        yield _TEXTS("program_offset", targets=targets, mm=f"{given_away.max():.3f}")
+        yield ENGLISH("program_offset", targets=targets, mm=f"{given_away.max():.3f}")
     if program.shared:
         positions, share = counted(len(program.shared), "position"), f"{100 * REMAINING_SHARE:.0f}"
         places = first_of([_shared(program, position) for position in program.shared], _LISTED, "; ")
-        yield _TEXTS("program_shared", positions=positions, share=share, places=places)
+        yield ENGLISH("program_shared", positions=positions, share=share, places=places)
     if program.names and program.rounded_um.max() > _SHOWN_UM:
-        yield _TEXTS("program_rounded", um=f"{program.rounded_um.max():.1f}")
+        yield ENGLISH("program_rounded", um=f"{program.rounded_um.max():.1f}")
     if outside := sum(map(bool, program.unknown)):
         reasons = zip(program.places, program.unknown, strict=True)
         where = [*dict.fromkeys(f"{_place(program, *place)}: {why}" for place, why in reasons if why)]
-        yield _TEXTS("program_outside", targets=counted(outside, "target"), places=first_of(where, _LISTED, "; "))
+        yield ENGLISH("program_outside", targets=counted(outside, "target"), places=first_of(where, _LISTED, "; "))
 
 
 def _left(program: CorrectedProgram) -> Iterator[Block]:
     """For each reason, the uncorrected targets and the lines of the program that cause it."""
     for reason, number in Counter(one.reason for one in program.left).most_common():
-        yield Sentence(_TEXTS("program_left", count=number, why=f"{WHY[reason]}{_MORE.get(reason, '')}"))
+        yield Sentence(ENGLISH("program_left", count=number, why=f"{WHY[reason]}{_MORE.get(reason, '')}"))
         targets = []
         for left in (one for one in program.left[:_LISTED] if one.reason == reason):
             causes = [f"{_place(program, at.file, at.line)}: {at.why}" if at.line else at.why for at in left.because]
@@ -93,14 +92,14 @@ def _left(program: CorrectedProgram) -> Iterator[Block]:
             targets.append(f"{place}: {left.name} ({'; '.join(causes)})" if causes else f"{left.name} ({place})")
         yield from paragraphs(["; ".join(targets)], "note")
     if (others := len(program.left) - _LISTED) > 0:
-        yield Sentence(_TEXTS("program_left_more", count=others), "note")
+        yield Sentence(ENGLISH("program_left_more", count=others), "note")
 
 
 def _shared(program: CorrectedProgram, position: SharedCorrection) -> str:
     error = f"{position.before_mm:.3f} → {position.after_mm:.3f} mm"
     if position.unknown:
-        error = _TEXTS("program_shared_unknown", why=WHY[position.unknown])
-    place, use = _place(program, position.file, position.line), _TEXTS(f"program_shared_{position.kind}")
+        error = ENGLISH("program_shared_unknown", why=WHY[position.unknown])
+    place, use = _place(program, position.file, position.line), ENGLISH(f"program_shared_{position.kind}")
     return f"{place}: {position.name} {use}: {error}"
 
 
@@ -112,9 +111,9 @@ def _place(program: CorrectedProgram, file: int, line: int) -> str:
 def reached(u_frame_mm: Array, u_mm: Array) -> str:
     """Accuracy of targets in words, given their uncertainties (n,), NaN if the runs do not cover a target."""
     if np.isnan(u_mm).all():
-        return _TEXTS("correct_accuracy_unknown")
+        return ENGLISH("correct_accuracy_unknown")
     key = "correct_accuracy_covered" if np.isnan(u_mm).any() else "correct_accuracy"
-    return _TEXTS(key, frame=f"{np.nanmax(u_frame_mm):.3f}", base=f"{np.nanmax(u_mm):.3f}")
+    return ENGLISH(key, frame=f"{np.nanmax(u_frame_mm):.3f}", base=f"{np.nanmax(u_mm):.3f}")
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:

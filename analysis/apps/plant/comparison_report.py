@@ -15,7 +15,7 @@ from analysis.apps.report.chart import as_png, sheet_of
 from analysis.apps.report.diagnosis_answer import places_blocks, stairs_of_model, stairs_table
 from analysis.apps.report.model_charts import compared_chart, disagreement_picture
 from analysis.apps.report.run_charts import distinctly_named
-from analysis.apps.report.texts import LEADING, in_order, texts_of
+from analysis.apps.report.texts import ENGLISH, LEADING, in_order
 from analysis.diagnosis.judge.comparison import Compared, Comparison
 
 if TYPE_CHECKING:
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 
 def answer_of(compared: Compared) -> list[Block]:
-    texts, blocks = texts_of("en"), list[Block]()
+    blocks = list[Block]()
     for comparison in compared.runs:
         figures, simulated = comparison.result.found.figures, comparison.simulated.figures
         rows = list[Row]()
         for name in (names := in_order(figures.keys() & simulated.keys())):
             figure, value = figures[name], simulated[name].value
-            rows.append((texts.label(name), str(figure), figure.rounded(value), figure.rounded(figure.value - value)))
+            rows.append((ENGLISH.label(name), str(figure), figure.rounded(value), figure.rounded(figure.value - value)))
         rows.append(("correlation of the curves", "", f"{comparison.correlation:z.4f}", ""))
         rows.append(("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", ""))
         ranks = (*("unusual" if name in LEADING else "" for name in names), "", "")
@@ -45,9 +45,9 @@ def answer_of(compared: Compared) -> list[Block]:
     ]
     # the model of all runs with the fitted set-ups, and the residual after each of the effects
     if compared.disagreement is not None:
-        blocks += [Heading(texts("where_heading")), *places_blocks(compared.disagreement.where)]
+        blocks += [Heading(ENGLISH("where_heading")), *places_blocks(compared.disagreement.where)]
         if stairs := stairs_of_model(compared.disagreement):
-            blocks += [Heading(texts("steps")), stairs_table(stairs, texts)]
+            blocks += [Heading(ENGLISH("steps")), stairs_table(stairs, ENGLISH)]
     blocks += paragraphs(compared.doubts, "doubt")
     for name, setup in compared.setups.items():
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
@@ -69,7 +69,7 @@ def save_pictures(compared: Compared, directory: Path) -> list[Path]:
 
 
 def _figure(comparison: Comparison) -> Figure:
-    chart = compared_chart([comparison], [], texts_of("en"))
+    chart = compared_chart([comparison], [], ENGLISH)
     measured, simulated = chart.lines
     difference = replace(measured, name="difference", role="quiet", y=measured.y - simulated.y)
     below = replace(chart, title="Measured less simulated", caption="", lines=(difference,))

@@ -16,7 +16,7 @@ import numpy as np
 from analysis.apps.plant.changes import FALSE_ALARMS, FEWEST, NEWEST, Change, Trend, trend_of
 from analysis.apps.plant.collect import Collected, MarkedCheck
 from analysis.apps.plant.records import RunRecord, in_time
-from analysis.apps.report.texts import texts_of
+from analysis.apps.report.texts import ENGLISH
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from rigs.errors import FileError, UseError
@@ -85,7 +85,7 @@ def label_of(figure: str) -> str:
     for prefix, words in _OF_AN_AXIS.items():
         if figure.startswith(prefix):
             return f"{words} of axis {figure[len(prefix)]}"
-    return texts_of("en").whole_label(figure)
+    return ENGLISH.whole_label(figure)
 
 
 def history_of(

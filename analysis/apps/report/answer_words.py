@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
@@ -18,7 +17,7 @@ from analysis.apps.report.diagnosis_words import (
     size,
     sure,
 )
-from analysis.apps.report.texts import Texts, capital, joined, texts_of
+from analysis.apps.report.texts import ENGLISH, Texts, capital, joined
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.acts import IMITATED
@@ -100,7 +99,7 @@ def is_complete(diagnosis: Diagnosis) -> bool:
 @dataclass(frozen=True)
 class AnswerWords:
     diagnosis: Diagnosis
-    texts: Texts = field(default_factory=partial(texts_of, "en"))
+    texts: Texts = ENGLISH
 
     @property
     def preconditions(self) -> list[str]:

@@ -39,7 +39,7 @@ from analysis.apps.report.diagnosis_words import (
     with_uncertainty,
 )
 from analysis.apps.report.summary_words import Summary, summarise
-from analysis.apps.report.texts import Texts, joined, texts_of
+from analysis.apps.report.texts import ENGLISH, Texts, joined
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
@@ -112,8 +112,7 @@ def sections_of(
     return {key: [Heading(texts(name)), *blocks] for key, (name, given) in sections.items() if (blocks := list(given))}
 
 
-def answer_of(diagnosis: Diagnosis, texts: Texts | None = None) -> list[Block]:
-    texts = texts or texts_of("en")
+def answer_of(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> list[Block]:
     runs = counted(len(diagnosis.runs), "run")
     noise = "from repeats" if diagnosis.repeated else "from residuals" if diagnosis.shows_noise else "assumed"
     footer = f"{diagnosis.rig.name} · {runs} · noise {noise} · {diagnosis.seconds:.1f} s"
@@ -297,10 +296,9 @@ class Stairs:
         return [self.names[0], *(texts("step_with", part=part) for part in self.names[1:])]
 
 
-def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
+def stairs_of(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> Stairs | None:
     if diagnosis.staircase is None:
         return None
-    texts = texts or texts_of("en")
     words, names = AnswerWords(diagnosis, texts), [str(texts("step_first"))]
     for step in diagnosis.staircase.steps[1:]:
         single = words.part_name(diagnosis.budget[step.parts[0]]) if len(step.parts) == 1 else ""
@@ -311,10 +309,9 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
 def stairs_of_model(residual: LocatedResidual) -> Stairs | None:
     if residual.staircase is None:
         return None
-    texts, rig = texts_of("en"), residual.rig
-    parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
+    parts = [*(plain(residual.rig, effect) for effect in residual.rig.effects), ENGLISH("step_calibration")]
     added = [parts[step.parts[0]] for step in residual.staircase.steps[1:]]
-    return _stairs(residual.staircase, [texts("step_bare"), *added], has_u=True)
+    return _stairs(residual.staircase, [ENGLISH("step_bare"), *added], has_u=True)
 
 
 def _stairs(staircase: Staircase, names: Sequence[str], *, has_u: bool) -> Stairs:

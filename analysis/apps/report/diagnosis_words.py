@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from analysis.apps.report.texts import Texts, joined, texts_of
+from analysis.apps.report.texts import ENGLISH, Texts, joined
 from analysis.diagnosis.judge.residuals import Curve, HeldOutResidual, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis, GroupMember, Movement, Named, Rival
 from analysis.movement.causes import Cause
@@ -118,12 +118,11 @@ def remains_rows(residual: HeldOutResidual, texts: Texts) -> list[tuple[str, str
     return rows
 
 
-_ENGLISH = texts_of("en")
 _SMALL = 2.0
 """Multiple of u from which a component of a direction is mentioned."""
 
 
-def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
+def name_of(cause: Cause, texts: Texts = ENGLISH, *, of_tracker: bool = False) -> str:
     if cause.members:
         *others, last = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
         return texts("cause_pair", first=", ".join(others), second=last)
@@ -131,7 +130,7 @@ def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) 
     return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
 
 
-def size_of(cause: CauseOdds, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
+def size_of(cause: CauseOdds, texts: Texts = ENGLISH, *, of_tracker: bool = False) -> str:
     if cause.together:
         sizes = [(name_of(part.cause, texts, of_tracker=of_tracker), size_of(part, texts)) for part in cause.together]
         return "; ".join(map(" ".join, sizes))

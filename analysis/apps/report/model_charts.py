@@ -15,7 +15,7 @@ from analysis.apps.report.chart import Chart, ChartLine, Part, Role, marks_of, s
 from analysis.apps.report.diagnosis_answer import Stairs, residual_words, stairs_of, stairs_of_model
 from analysis.apps.report.diagnosis_words import runs_of
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import Texts, texts_of
+from analysis.apps.report.texts import ENGLISH, Texts
 from analysis.diagnosis.judge.comparison import Compared, Comparison, LocatedResidual
 from analysis.diagnosis.judge.residuals import Curve, Map
 from analysis.diagnosis.judge.result import Diagnosis
@@ -174,20 +174,20 @@ def _sheet(title: list[str], residuals: Diagnosis | LocatedResidual, stairs: Sta
 
     parts = [_stairs(stairs)] if stairs else []
     parts += [(0.2 + 0.17 * len(wrapped), draw_words)] if wrapped else []
-    return sheet_of(title, residual_charts(residuals, stairs, texts_of("en")), parts, 11.0)
+    return sheet_of(title, residual_charts(residuals, stairs, ENGLISH), parts, 11.0)
 
 
 def _stairs(stairs: Stairs) -> Part:
     def draw(sheet: SubFigure) -> None:
-        axes, texts = sheet.subplots(), texts_of("en")
+        axes = sheet.subplots()
         for k, (key, left) in enumerate(zip(stairs.places, zip(*stairs.left, strict=True), strict=True)):
             um, u_um = zip(*((residual.um, residual.u_um) for residual in left), strict=True)
-            rows, name = np.arange(len(left)) + k * _BAR, texts(f"runs_{key}")
+            rows, name = np.arange(len(left)) + k * _BAR, ENGLISH(f"runs_{key}")
             bars = axes.barh(rows, um, _BAR, xerr=u_um, label=name, error_kw={"elinewidth": 0.7})
             axes.bar_label(bars, list(map(residual_words, left)), padding=5, fontsize=6.5)
         # The name of a part with many cancelling parts takes three lines, which would squeeze the bars.
         wrapped = [
-            textwrap.wrap(name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for name in stairs.step_names(texts)
+            textwrap.wrap(name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for name in stairs.step_names(ENGLISH)
         ]
         axes.set_yticks(range(len(wrapped)), list(map("\n".join, wrapped)), fontsize=8)
         axes.invert_yaxis()

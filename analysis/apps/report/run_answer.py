@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
-from analysis.apps.report.texts import LEADING, Texts, in_order, joined, texts_of
+from analysis.apps.report.texts import ENGLISH, LEADING, Texts, in_order, joined
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pooled, figure_columns, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
@@ -105,14 +105,14 @@ def answer_of(
     results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
 ) -> list[Block]:
     """each: add a table with a column for each run, as truths always do."""
-    texts, blocks = texts_of("en"), list[Block]()
+    blocks = list[Block]()
     truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     for group in by_test(results):
         repeated = any(means.figures for means in pooled(group))
-        blocks.append(Heading(f"{group[0].measured.rig.name} · {texts.test(group[0].test)}"))
+        blocks.append(Heading(f"{group[0].measured.rig.name} · {ENGLISH.test(group[0].test)}"))
         if not truths:
-            columns = columns_of(group, texts)
-            blocks.append(figure_table(columns, texts, *([] if repeated else _facts(group, len(columns)))))
+            columns = columns_of(group, ENGLISH)
+            blocks.append(figure_table(columns, ENGLISH, *([] if repeated else _facts(group, len(columns)))))
         if truths or (each and repeated):
             columns = []
             for result in group:
@@ -122,7 +122,7 @@ def answer_of(
                     if name in result.figures
                 }
                 columns.append(Column(f"{result.title}, {result.name}", result.figures, below))
-            blocks.append(figure_table(columns, texts, *_facts(group, len(columns))))
+            blocks.append(figure_table(columns, ENGLISH, *_facts(group, len(columns))))
         hint = "; --each shows the single runs" if repeated and not each else ""
         first, *remarks = remarks_of(group)
         blocks += paragraphs((first + hint, *remarks), "note")

@@ -24,7 +24,7 @@ from analysis.apps.report.chart import (
     marks_of,
     sheet_of,
 )
-from analysis.apps.report.texts import LEADING, Texts, texts_of
+from analysis.apps.report.texts import ENGLISH, LEADING, Texts
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pose import PoseResult
 from analysis.procedures.results import Result, by_test
@@ -260,21 +260,21 @@ def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
-    texts, files = texts_of("en"), dict[str, Callable[[BinaryIO], None]]()
+    files = dict[str, Callable[[BinaryIO], None]]()
     for group in by_test(results):  # one test on one rig, both part of the file name
         rig = group[0].measured.rig.name
         stem = f"{rig}-{group[0].test}"
         if isinstance(group[0].found, CircleResult):
-            title = f"{texts.test(group[0].test)} · {rig}"
+            title = f"{ENGLISH.test(group[0].test)} · {rig}"
             for kind, charts in (("raw", raw_charts), ("error", circle_charts)):
-                files[f"{stem}-{kind}.png"] = as_png(partial(sheet_of, [title], charts(group, texts)))
+                files[f"{stem}-{kind}.png"] = as_png(partial(sheet_of, [title], charts(group, ENGLISH)))
             continue
         for name, result in distinctly_named(group):
             figures = [
-                f"{texts.label(key).strip()} {figure}" for key, figure in result.figures.items() if key in LEADING
+                f"{ENGLISH.label(key).strip()} {figure}" for key, figure in result.figures.items() if key in LEADING
             ]
             lines = [f"{result.title} · {rig} · {result.name}", *figures]
-            files[f"{stem}-{name}.png"] = as_png(partial(sheet_of, lines, target_charts(result, texts)))
+            files[f"{stem}-{name}.png"] = as_png(partial(sheet_of, lines, target_charts(result, ENGLISH)))
     return write_views(directory, files)
 
 

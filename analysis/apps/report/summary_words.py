@@ -27,7 +27,7 @@ from analysis.apps.report.diagnosis_words import (
     size,
     sure,
 )
-from analysis.apps.report.texts import Phrase, Texts, capital, extended, joined, keys_of, texts_of
+from analysis.apps.report.texts import ENGLISH, Phrase, Texts, capital, extended, joined, keys_of
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import IMITATED, Act
 from analysis.diagnosis.judge.probability import CONFIRMED
@@ -134,8 +134,8 @@ _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here
 """Conditions under which no cause and no act is certain."""
 
 
-def summarise(diagnosis: Diagnosis, texts: Texts | None = None) -> Summary:
-    words, acts = _SummaryWords(diagnosis, texts or texts_of("en")), without_idle_mounts(diagnosis.acts)
+def summarise(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> Summary:
+    words, acts = _SummaryWords(diagnosis, texts), without_idle_mounts(diagnosis.acts)
     act, causes = acts[0] if acts else None, words.leading()
     heading = words.heading(causes, act)
     action = words.action(act, heading) if act else ""

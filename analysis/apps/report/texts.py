@@ -19,12 +19,6 @@ LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius
 """Figures of the paper, in bold."""
 
 
-def in_order(names: Iterable[str]) -> list[str]:
-    """Distinct names in the order of the labels, unknown ones last."""
-    place = {name: k for k, name in enumerate(texts_of("en").labels)}
-    return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
-
-
 Language = Literal["en", "de", "ko"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 
@@ -95,14 +89,14 @@ class Texts:
         return self("axis_of", axis=axis, name=name) if name else self("axis_numbered", axis=axis)
 
     def label(self, name: str) -> str:
-        return self.labels.get(name) or texts_of("en").labels.get(name, name)
+        return self.labels.get(name) or ENGLISH.labels.get(name, name)
 
     def whole_label(self, name: str) -> str:
         """Label outside a table, a detail after the main line: `position error, largest`."""
         text = self.label(name)
         if not text.startswith(" "):
             return text
-        known = list(texts_of("en").labels)
+        known = list(ENGLISH.labels)
         above = next(main for main in known[known.index(name) :: -1] if not self.label(main).startswith(" "))
         # The place of the largest value is a detail of that line; a mean belongs to the rms.
         of = self.label(above) if name.endswith("_at_deg") else self.label(above).partition(", ")[0]
@@ -120,3 +114,12 @@ def _template(name: str) -> dict[str, Any]:
     # a text file of this package; the loader in C is ten times faster
     loaded: dict[str, Any] = yaml.load(file.read_text("utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506
     return loaded
+
+
+ENGLISH = texts_of("en")
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Distinct names in the order of the labels, unknown ones last."""
+    place = {name: k for k, name in enumerate(ENGLISH.labels)}
+    return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
