@@ -71,7 +71,7 @@ def analyse(
         from analysis.apps.report.run_charts import save_all_pictures
 
         with progress_of("drawing the pictures"):
-            pictures = list(save_all_pictures(results, plot))
+            pictures = save_all_pictures(results, plot)
         say_written(pictures)
     if as_json:
         say_json(as_object(results, truths))

@@ -118,13 +118,9 @@ class BeforeAfter:
 
     @property
     def driven(self) -> tuple[Deviation, Deviation] | None:
-        return self._at("same")
+        return self.at("same")
 
-    @property
-    def elsewhere(self) -> tuple[Deviation, Deviation] | None:
-        return self._at("elsewhere")
-
-    def _at(self, place: str) -> tuple[Deviation, Deviation] | None:
+    def at(self, place: str) -> tuple[Deviation, Deviation] | None:
         return next(((row.before, row.after) for row in self.rows if row.place == place and row.after), None)
 
 
@@ -133,7 +129,7 @@ def now_sentence(after: BeforeAfter, texts: Texts) -> str:
 
     if after.driven is None:
         return ""
-    pairs = {f"is_now_{after.way}": after.driven, "is_now_elsewhere": after.elsewhere}
+    pairs = {f"is_now_{after.way}": after.driven, "is_now_elsewhere": after.at("elsewhere")}
     changes = {key: (pair[0].um, pair[1].um, pair[1].u_um) for key, pair in pairs.items() if pair}
     if work := after.work:
         changes["over_the_work"] = work.before_um, work.after_um, work.u_um
