@@ -344,7 +344,8 @@ def _split(parts: Sequence[_Part], way: Literal["column", "row"] = "column") -> 
     """Only text needs a margin on the left."""
     layout, shown = Layout(), list[Layout]()
     for part, size in parts:
-        has_margin = not isinstance(part, Layout | Plot | Styled | Align)
-        shown += [Layout(Padding(part, (0, 0, 0, 1)) if has_margin else part, size=size)] * (size != 0)
+        if size != 0:
+            has_margin = not isinstance(part, Layout | Plot | Styled | Align)
+            shown.append(Layout(Padding(part, (0, 0, 0, 1)) if has_margin else part, size=size))
     layout.split(*shown, splitter=way)
     return layout

@@ -66,7 +66,7 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
     columns = ["test", "figure", *(["value ± u"] if is_one else ["runs", "first", "last", "spread", "course", ""])]
     rows, titles = list[Row](), [series.title for series in all_series]
     for series, before in zip(all_series, ["", *titles], strict=False):
-        (first, *_, last), spread = [*series.quantities] * 2, series.trend.spread
+        first, last, spread = series.quantities[0], series.quantities[-1], series.trend.spread
         begin, end = ([f"{run.when:%Y-%m-%d %H:%M}"] * dated for run in (series.runs[0], series.runs[-1]))
         cells: list[str | Cell] = [Cell(str(first), begin)]
         if not is_one:
