@@ -140,9 +140,10 @@ def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
 
 
 def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
-    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3), by inverse squared distance (Shepard 1968)."""
-    distance, near = KDTree(targets).query(nodes, range(1, min(_NEAR, len(targets)) + 1))
-    return np.asarray(np.average(values_mm[near], axis=-1, weights=1.0 / np.maximum(distance, 1e-6) ** 2))
+    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3), by inverse squared angle (Shepard 1968)."""
+    chord, near = KDTree(targets).query(nodes, range(1, min(_NEAR, len(targets)) + 1))
+    angle = np.maximum(2 * np.arcsin(chord / 2), 1e-6)
+    return np.asarray(np.average(values_mm[near], axis=-1, weights=1.0 / angle**2))
 
 
 def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Picture]:
