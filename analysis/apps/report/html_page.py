@@ -108,11 +108,16 @@ def _weasyprint(file: Path) -> ModuleType:
     browser = f"or write {file.with_suffix('.html').name} and print the page from a browser"
     try:
         import weasyprint  # noqa: PLC0415 - an extra of the package
-    except (ModuleNotFoundError, OSError) as error:
-        missing, remedy = "the library Pango", _PANGO  # a text library, not a Python package
-        if isinstance(error, ModuleNotFoundError):
-            missing, remedy = f"the Python package {error.name}", to_install("weasyprint")
-        problem = f"needs {missing}, which is missing"
-        raise CellError(str(file), problem, f"{remedy}, {browser}", code="package.missing") from None
+    except ModuleNotFoundError as error:
+        raise CellError(
+            str(file),
+            f"needs the Python package {error.name}, which is missing",
+            f"{to_install('weasyprint')}, {browser}",
+            code="package.missing",
+        ) from None
+    except OSError:  # the text library Pango is not a Python package
+        raise CellError(
+            str(file), "needs the library Pango, which is missing", f"{_PANGO}, {browser}", code="package.missing"
+        ) from None
     module: ModuleType = weasyprint
     return module
