@@ -103,6 +103,7 @@ def test_the_curve_of_a_circle_has_the_figures(results):
     assert isinstance(curve, CircleCurve)
     assert curve.phi_deg.shape == curve.error_deg.shape == curve.error_u_deg.shape == (720,)
     assert curve.phi_deg.min() >= 0 and curve.phi_deg.max() < 360
+    assert [turn.name for turn in results[0].reversals if turn.joint == 1] == ["Theta", "Theta"]
     band = results[0].figures["band_deg"]
     # The figure is lowered by what noise adds to a range.
     assert np.ptp(curve.error_deg) == pytest.approx(band.value, abs=10 * band.u)
@@ -238,6 +239,7 @@ def test_a_path_stands_for_its_run(laps, kept):
         (lambda: calibrate(5), "api.type", "run"),
         (lambda: evaluate_runs([None]), "api.type", "run"),
         (lambda: simulate("ur10e", "yaw", "left"), "request.direction", "direction"),
+        (lambda: simulate("ur10e", "yaw"), "run.no_direction", "yaw test"),
         (lambda: simulate("ur10e", "yow", "cw"), "request.unknown_test", "test"),
         (lambda: analysis.calibrated_arm("ur10e").forward("here"), "api.not_numbers", "q_deg"),
         (lambda: analysis.calibrated_arm("ur55"), "file.missing", "ur55"),

@@ -158,6 +158,8 @@ def test_another_separator():
         (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "zero bytes"),
         (csv_text({name: [] for name in plain("pose")}).encode(), "no rows"),
         (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "lacks a header line"),
+        (csv_text(plain("pose")).encode()[:-2], "cannot be split into fields: .*; check the quotes"),
+        (csv_text(plain("pose")).encode().replace(b'"', b"")[:-20], "the header 12; is the line cut off"),
     ],
 )
 def test_a_file_that_is_no_table(tmp_path, data, reason):

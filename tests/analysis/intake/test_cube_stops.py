@@ -65,3 +65,8 @@ def test_five_postures_do_not_identify_the_arm(cell):
     found = ran(f"diagnose {cell}/sim/pose-000 --json")
     assert found.returncode == 0, found.stderr
     assert json.loads(found.stdout)["condition"] == "not_testable_here"
+
+
+def test_path_is_no_evidence(cell):
+    alone = ran(f"diagnose {cell}/sim/path-000 -o {cell}/found")
+    assert alone.returncode != 0 and "joint angles" in alone.stderr

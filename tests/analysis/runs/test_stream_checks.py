@@ -71,6 +71,15 @@ def test_a_controllers_clock_that_shows_nonsense_is_none(clock_s):
     assert np.isfinite(measured.table.q).all() and np.ptp(measured.table.q, axis=0).max() > 1
 
 
+def test_restarted_clock_and_impossible_stamps_are_reported():
+    clock_s = lap().streams["robot"]["last_byte_ns"] * 1e-9
+    clock_s[len(clock_s) // 2 :] -= clock_s[len(clock_s) // 2] - 5.0
+    clock_s[-2:] = 1.0, 1.1
+    doubts = measured_of(with_column("robot", "device_time_s", slice(None), clock_s)).doubts
+    robot = [doubt.removeprefix("robot: ") for doubt in doubts if doubt.startswith("robot: ")]
+    assert robot[0].startswith("the clock restarted 1 times") and robot[1].startswith("2 stamps of the clock")
+
+
 @pytest.mark.parametrize("step_s", [0.0, 1e-13])
 @pytest.mark.parametrize("stream", ["g1", "robot"])
 def test_stopped_clock_is_ignored_with_a_doubt(stream, step_s):
