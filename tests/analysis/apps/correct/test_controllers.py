@@ -157,14 +157,6 @@ def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
     assert entries["corrected_targets_um"] == pytest.approx(entries["after_um"], rel=1e-3)
 
 
-def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path):
-    """Two diagnoses found a zero of axis 4, one after the other: each is sure, and their sum is not."""
-    twice = [JointOffset(axis=4, offset_deg=deg, found=found(offset_deg=0.02)) for deg in (0.05, -0.03)]
-    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]))
-    assert [entry["parameter"] for entry in entries["entries"]] == ["delta_theta[2]"]
-    assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
-
-
 def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path):
     """A zero with a size of 2.2 u is not entered together with the zero of a fault. Of many equally uncertain zeros,
     enough
@@ -177,19 +169,6 @@ def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path):
     many = [one.model_copy(update={"found": found(offset_deg=0.009)}) for one in unsure]
     entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, *many]), "--for", "fanuc", name="all")
     assert 1 < len(entered["entries"]) < 4
-
-
-def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path):
-    """At a controller without lengths, where a soft joint was `not entered` before."""
-    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=found(deg_per_Nm=1e-5))
-    cell = _cell(tmp_path, "paper-fanuc", [soft])
-    done = ran(f"correct {cell} -o {tmp_path}/out --for abb")
-    entries = contents(tmp_path / "out" / "corrections.yaml")["controller"]
-    before, after, targets = (entries[name] for name in ("before_um", "after_um", "corrected_targets_um"))
-    assert targets < 0.1 * before < after < 0.95 * before
-    told = " ".join(done.stdout.split())
-    assert f"from {before:.0f} to {after:.0f} µm rms" in told and f": {targets:.0f} µm)" in told
-    assert f"{before - after:.0f} of {before:.0f} µm rms" in told
 
 
 def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):

@@ -129,13 +129,6 @@ def test_too_uncertain_effect_is_not_called_uncorrectable(tmp_path):
     assert {effect["corrected_as"] for effect in written["effects"]} == {"joint zero"}
 
 
-def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path):
-    zero_1 = JointOffset(axis=1, offset_deg=0.05, found=provenance(offset_deg=0.01))
-    targets = _targets(_path(tmp_path), zero_1)
-    place = forward(arm_of(RIG.robot), np.radians(TARGETS))[:, :3, 3]
-    np.testing.assert_allclose(targets.u_mm, np.radians(0.01) * np.hypot(place[:, 0], place[:, 1]), rtol=1e-3)
-
-
 def test_effects_known_only_by_their_sum_are_corrected_with_its_uncertainty(tmp_path):
     """d2 and d3 have the same effect in every posture: only their sum is well known."""
 

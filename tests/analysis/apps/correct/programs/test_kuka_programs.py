@@ -22,16 +22,6 @@ from tests.analysis.apps.correct.programs.cells import (
 )
 
 
-@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
-def test_line_ends_stay(ends, tmp_path):
-    rig, files = kuka_files({"a.src": HEAD + "PTP {q0}\nLIN {p1}\n$BASE.X=1\nPTP {p2}\nEND\n"})
-    found = corrected_files(rig, tmp_path, files, *KUKA_STATED, ends=ends)
-    assert uncorrected(found) == [(7, "unknown_frame")] and len(found.names) == 2
-    data = found.files["a.src"].decode()
-    assert data.count(ends) == files["a.src"].count("\n") and [place[1] for place in found.places] == [4, 5]
-    assert data.split(ends)[6] == files["a.src"].split("\n")[6]
-
-
 @pytest.mark.parametrize(("start", "k"), [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (0, 2)])
 @pytest.mark.parametrize("kept", ["S", "T"])
 def test_one_posture_flag_of_krl_is_enough_only_if_it_identifies_the_posture(start, k, kept, tmp_path):

@@ -1,40 +1,26 @@
 """Approaches and via points of arcs share the correction of a point: the point is right, and their error is listed."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct import program_report
-from analysis.apps.correct.corrected_program import CorrectedProgram
 from rigs.rig import Rig
 from tests.analysis.apps.correct.programs.cells import (
     ABB,
     ABB_TOOL,
-    FANUC,
-    HEAD,
-    KUKA,
     L2,
     NUMBER,
-    STATED,
     TCP,
     UR,
     UR_TOOL,
     ZERO,
-    Files,
     abb_files,
     corrected_cell,
     corrected_files,
-    fanuc_joints,
-    fanuc_point,
-    fanuc_pose,
-    kuka_joints,
-    kuka_pose,
-    listing,
     module_of,
-    robtarget_of,
     selecting,
     ur_pose,
 )
@@ -113,78 +99,27 @@ def test_approach_without_a_solution_is_listed_as_unknown(tmp_path):
     assert listed.unknown == "unreachable" and np.isnan(listed.after_mm)
 
 
-def _arc(maker: str, turned_deg: float) -> tuple[Rig, list[Array], list[Array]]:
-    """A rig, the joint angles at start, via point and end, and the poses of the tool there.
-
-    The via point is turned relative to the orientation midway between start and end.
-    """
-    rig_name, postures, tool = {
-        "ur": ("ur10e", UR, UR_TOOL),
-        "abb": ("abb-irb-120", ABB, ABB_TOOL),
-        "kuka": ("kuka-kr-10-r1100-2", KUKA, np.eye(4)),
-        "fanuc": ("fanuc-m-10ia", FANUC, np.eye(4)),
-    }[maker]
-    rig, begin_deg = rig_of(rig_name), postures[1]
-    begin = flange_at(rig, np.radians(begin_deg)) @ tool
-    turns = Rotation.from_matrix(begin[:3, :3])
-    middle, end = (turns * Rotation.from_rotvec([0, part, 0]) for part in (0.1, 0.2))
-    via = middle * Rotation.from_rotvec(np.radians([turned_deg, 0, 0]))
-    poses = [begin, frame(begin[:3, 3] + [30, 30, 0], via), frame(begin[:3, 3] + [0, 60, 0], end)]
-    q = [joints_of(rig, T @ np.linalg.inv(tool), np.radians(begin_deg)) for T in poses]
-    return rig, q, poses
-
-
-def _program(maker: str, rig: Rig, q: list[Array]) -> Files:
-    deg = [tuple(np.degrees(angles)) for angles in q]
-    if maker == "ur":
-        poses = [f"p[{ur_pose(flange_at(rig, angles) @ UR_TOOL)}]" for angles in q]
-        joints = ", ".join(repr(float(angle)) for angle in q[0])
-        return {"a.script": f"{TCP}movej([{joints}])\nmovec({poses[1]}, {poses[2]})\n"}
-    if maker == "abb":
-        joints = f"[[{','.join(map(repr, map(float, deg[0])))}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
-        via, end = (robtarget_of(rig, angles, np.eye(4)) for angles in deg[1:])
-        return abb_files(module_of(f"ConfL\\Off;\nMoveAbsJ {joints},v9,fine,t;\nMoveC {via},{end},v9,fine,t;\n"))[1]
-    if maker == "kuka":
-        via, end = ("{" + kuka_pose(rig, angles) + "}" for angles in deg[1:])
-        return {"a.src": f"{HEAD}PTP {{{kuka_joints(deg[0])}}}\nCIRC {via}, {end}\nEND\n"}
-    points = [fanuc_point(1, fanuc_joints(deg[0]), "UF : 0, UT : 1,\t")]
-    points += [
-        fanuc_point(k, fanuc_pose(rig, angles, np.eye(4)), "UF : 0, UT : 1,")
-        for k, angles in ((2, deg[1]), (3, deg[2]))
-    ]
-    moves = listing("UFRAME_NUM=0", "UTOOL_NUM=1", "J P[1] 100% FINE", "C P[2]\n    :  P[3] 100mm/sec FINE")
-    return {"a.ls": moves + "/POS\n" + "\n".join(points).replace("\r", "") + "\n/END\n"}
-
-
-def _corrected(maker: str, rig: Rig, q: list[Array], directory: Path) -> CorrectedProgram:
-    return corrected_files(rig, directory, _program(maker, rig, q), *STATED.get(maker, ()))
-
-
-@pytest.mark.parametrize("turned_deg", [35, 45, 60, 75, 90])
+@pytest.mark.parametrize("turned_deg", [0, 35, 45, 60, 75, 90])
 def test_via_point_of_another_orientation_is_listed_with_the_error_on_the_arc(turned_deg, tmp_path):
-    rig, q, poses = _arc("ur", turned_deg)
-    found = _corrected("ur", rig, q, tmp_path)
-    (listed,) = found.shared
-    assert (listed.kind, listed.line) == ("via", 3)
-    middle = Rotation.from_matrix(poses[0][:3, :3]) * Rotation.from_rotvec([0, 0.1, 0])
-    written = [float(value) for value in re.findall(NUMBER, found.files["a.script"].decode().split("\n")[2])[:3]]
-    near = tuple(np.degrees(q[0]))
-    on_arc = frame(poses[1][:3, 3], middle)
-    before, after = (
-        _off_mm(rig, frame(place, middle), on_arc, UR_TOOL, near)
-        for place in (poses[1][:3, 3], 1e3 * np.array(written))
-    )
-    assert (listed.before_mm, listed.after_mm) == pytest.approx((before, after), abs=0.01)
-    assert listed.after_mm > 0.1 * listed.before_mm
-
-
-@pytest.mark.parametrize("maker", ["ur", "abb", "kuka", "fanuc"])
-def test_arcs_of_every_maker_are_listed_only_if_the_orientation_differs(maker, tmp_path):
-    rig, q, _ = _arc(maker, 70)
-    assert [one.kind for one in _corrected(maker, rig, q, tmp_path).shared] == ["via"]
-    rig, q, _ = _arc(maker, 0)
-    found = _corrected(maker, rig, q, tmp_path)
-    assert not found.shared and len(found.names) == 3
+    """The via point is turned relative to the orientation midway between start and end."""
+    rig = rig_of("ur10e")
+    begin = flange_at(rig, np.radians(UR[1])) @ UR_TOOL
+    middle, end = (Rotation.from_matrix(begin[:3, :3]) * Rotation.from_rotvec([0, part, 0]) for part in (0.1, 0.2))
+    on_arc = frame(begin[:3, 3] + [30, 30, 0], middle)
+    via = frame(on_arc[:3, 3], middle * Rotation.from_rotvec(np.radians([turned_deg, 0, 0])))
+    poses = [f"p[{ur_pose(T)}]" for T in (via, frame(begin[:3, 3] + [0, 60, 0], end))]
+    found = corrected_cell("ur", tmp_path, {"a.script": f"{TCP}movej({{q1}})\nmovec({poses[0]}, {poses[1]})\n"})
+    assert len(found.names) == 3 and len(found.shared) == bool(turned_deg)
+    if turned_deg:
+        (listed,) = found.shared
+        assert (listed.kind, listed.line) == ("via", 3)
+        written = [float(value) for value in re.findall(NUMBER, found.files["a.script"].decode().split("\n")[2])[:3]]
+        before, after = (
+            _off_mm(rig, frame(place, middle), on_arc, UR_TOOL, UR[1])
+            for place in (via[:3, 3], 1e3 * np.array(written))
+        )
+        assert (listed.before_mm, listed.after_mm) == pytest.approx((before, after), abs=0.01)
+        assert listed.after_mm > 0.1 * listed.before_mm
 
 
 APPROACH = "MoveJ Offs(p,0,0,50),v9,fine,t;\nMoveL p,v9,fine,t;\n"

@@ -23,12 +23,10 @@ from tests.analysis.apps.correct.programs.cells import (
     corrected_files,
     uncorrected,
     ur_files,
-    ur_pose,
 )
 from tests.support.answers import words_of
 from tests.support.refusals import refused
 from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
-from tests.worlds.interpreters.arms import rig_of
 
 
 def corrected_ur(directory: Path, name: str, text: str, **options: Any) -> CorrectedProgram:
@@ -87,23 +85,6 @@ def test_line_is_corrected_for_the_posture_in_which_the_arm_stands(tmp_path):
         real = flange_at(rig, joints_of(rig, told, stands), hidden()) @ UR_TOOL
         off_mm.append(float(np.linalg.norm(real[:3, 3] - wanted[:3, 3])))
     assert off_mm[0] > 0.1 and off_mm[1] < 1e-3
-
-
-def test_arc_that_turns_the_tool_as_it_is_written_is_corrected(tmp_path):
-    rig = rig_of("ur10e")
-    begin = flange_at(rig, np.radians(UR[0])) @ UR_TOOL
-    centre = begin[:3, 3] + begin[:3, 0] * 60
-    poses = []
-    for degrees in (40, 80):
-        turn = Rotation.from_rotvec(np.radians(degrees) * begin[:3, 2])
-        place = centre + turn.apply(begin[:3, 3] - centre)
-        poses.append(f"p[{ur_pose(frame(place, turn * Rotation.from_matrix(begin[:3, :3])))}]")
-    joints = ", ".join(repr(float(np.radians(angle))) for angle in UR[0])
-    moves = f"movej([{joints}])\nmovec({poses[0]}, {poses[1]}, mode=1)\nmovel({poses[0]})\n"
-    assert not corrected_files(rig, tmp_path, {"a.script": TCP + moves}).left
-    other = poses[1].replace(poses[1].split(", ")[3], repr(float(poses[1].split(", ")[3]) + 0.01))
-    left = uncorrected(corrected_files(rig, tmp_path, {"b.script": TCP + moves.replace(poses[1], other)}))
-    assert (3, "arc_turns") in left and len(left) == 3
 
 
 HANDED = {

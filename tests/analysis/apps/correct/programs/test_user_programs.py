@@ -131,15 +131,6 @@ def test_urscript(tmp_path):
     assert found.rounded_um.max() < 0.1 and found.moved_mm.min() > 0.1
 
 
-def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path):
-    files = {"a.urscript": "movej({q0})\nmovel({p1})\n"}
-    assert uncorrected(corrected_cell("ur", tmp_path, files)) == [(2, "unknown_tool")]
-    found = corrected_cell("ur", tmp_path, files, ["tcp=0,0,145,0,0,0"])
-    assert len(found.names) == 2 and not found.left
-    told = _from_ur(_lines(found.files["a.urscript"])[1], UR_TOOL)
-    assert _left_mm(rig_of("ur10e"), told, UR[1], UR_TOOL) < 1e-4
-
-
 FANUC_PROGRAM = """\
 /PROG  PICK_PART\r
 /ATTR\r
