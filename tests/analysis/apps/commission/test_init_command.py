@@ -162,20 +162,6 @@ def test_json_without_a_robot_searches_for_none(tmp_path):
     assert json_of(f"init --robot none {QUICK}", cwd=tmp_path)["robots"] == []
 
 
-def test_same_command_continues_with_its_keys(tmp_path):
-    with switched_on("keyence", "ur") as unknown:
-        given = f"{tmp_path}/cell.yaml {at_ports(unknown)} --key g1.accuracy_mm=0.002"
-        with asking(given) as (terminal, person):
-            person.answers("Robot: its", unknown.robot)
-            person.answers("Push gauge 1", "1")
-            person.asked("Distance between")
-            terminal.type("\x04")
-            assert terminal.ended() == 130
-        with asking(given) as (terminal, person):
-            person.asked("Distance between")
-            assert "Push gauge" not in terminal.text() and "Robot:" not in terminal.text()
-
-
 QUESTIONS = [
     "Robot: its",
     "Push gauge 1",

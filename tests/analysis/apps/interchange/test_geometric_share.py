@@ -7,7 +7,6 @@ from analysis.apps.interchange.exported_arm import geometric_share
 from analysis.correction.work import tool_poses, work_angles
 from analysis.robot.kinematics.arm import forward
 from analysis.robot.predict import geometric_arm, model_of
-from rigs.effects.backlash import Backlash
 from rigs.effects.compliance import Compliance
 from rigs.effects.gauge_scale import GaugeScale
 from rigs.effects.joint_offset import JointOffset
@@ -39,12 +38,3 @@ def test_the_rest_is_between_the_model_and_the_arm():
     assert share.left_um == pytest.approx(rms_um(tool_poses(model, q) - forward(geometric_arm(model), q)))
     assert share.left_um > 10
     assert share.left_out == (COMPLIANCE,)
-
-
-def test_a_play_is_half_of_it_from_either_side():
-    play = Backlash(axis=1, width_deg=0.02)
-    share = geometric_share(model_of(RIG, [play]))
-    radius_mm = np.linalg.norm(tool_poses(model_of(RIG, ()), work_angles(RIG))[:, :2, 3], axis=1)
-    expected_um = 1000 * np.radians(0.01) * np.sqrt((radius_mm**2).mean())
-    assert share.left_um == pytest.approx(expected_um, rel=0.05)
-    assert share.all_um == share.left_um

@@ -1,5 +1,4 @@
 import json
-import signal
 import socket
 import threading
 import time
@@ -15,11 +14,9 @@ from analysis.apps.live.controls import UNITS, RecordingLabel, StartRecording
 from analysis.apps.live.daemon_source import DaemonSource, tracks_of
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.view import LiveView
-from daq.store import load_manifest
 from rigs.errors import CellError
 from rigs.load import find
-from tests.support.bench import BIN, Bench
-from tests.support.live_terminal import PATIENCE_S, Terminal
+from tests.support.live_terminal import PATIENCE_S
 
 STATUS = {
     "ok": True,
@@ -197,27 +194,3 @@ def test_readings_of_a_gauge_that_counts_towards_are_turned():
     streams = {"g1_g2": {"newest": 1, "columns": ["g1_mm", "g2_mm"], "rows": [[1e9, 0.1, 0.2]]}}
     tracks = tracks_of(streams, (1, -1))
     assert tracks["g1"].values.tolist() == [[0.1]] and tracks["g2"].values.tolist() == [[-0.2]]
-
-
-def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path):
-    with Bench(tmp_path) as bench:
-        bench.start().all_reading()
-        with Terminal([BIN / "rig", "live"], 100, 30, {"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:
-            terminal.until(lambda text: "0.1000" in text or ("connected" in text and "g1 mm" in text))
-            terminal.until(lambda text: "robot  connected" in text, "links")
-            terminal.type("slap radial\r")
-            terminal.until(lambda text: "recording lap (radial)" in text, "start")
-            terminal.type("e")
-            terminal.until(lambda text: "not recording" in text, "end")
-            terminal.type("s")
-            terminal.until(lambda text: "recording lap (radial)" in text, "second start")
-            bench.signalled(signal.SIGKILL)
-            terminal.until(lambda text: "waiting for" in text and "last known" in text, "loss")
-            bench.start()
-            terminal.until(lambda text: "waiting for" not in text and "robot  connected" in text, "return")
-            text = terminal.until(lambda text: "was interrupted" in text, "cut")
-            assert "recording to" not in text and "not recording" in text and "s start" in text
-            terminal.type("q")
-            assert terminal.ended() == 0 and terminal.is_as_before()
-        ended, _ = sorted((tmp_path / "runs").glob("*_lap*"))
-        assert load_manifest(ended).exit_status == "complete"

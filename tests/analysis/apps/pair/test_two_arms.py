@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from analysis import calibrated_arm
-from analysis.apps.pair.arm_terms import PairArm, arm_terms
+from analysis.apps.pair.arm_terms import PairArm
 from analysis.apps.pair.fit_pair import FittedPair, fit_pair, pair_of, start
-from analysis.apps.pair.linear_gap import PairState, linearise
+from analysis.apps.pair.linear_gap import linearise
 from analysis.apps.pair.pair_table import PairTable, read_pair_table
 from analysis.apps.pair.plan_touches import plan_touches
-from analysis.apps.pair.posterior import expected_posterior
-from analysis.apps.pair.postures import common_postures, is_clear
+from analysis.apps.pair.postures import is_clear
 from analysis.apps.pair.result import PairResult, result_of
 from analysis.runs.tables import joint_columns, second_joint_columns
 from rigs.errors import FileError
@@ -91,13 +90,6 @@ def test_the_columns_are_the_change_of_the_gap():
     assert np.abs(change - gaps.columns @ step).max() < 1e-3 * np.abs(change).max()
 
 
-def test_arms_of_four_and_five_axes_are_fitted():
-    for kind in ("four", "five"):
-        found = result_of(fit_pair(pair_of(*rigs(kind), touches_of_pair(kind), "t")))
-        assert error_over_u(found, kind) < 4
-        assert found.left_mm < 0.3 * found.before_mm
-
-
 def test_a_ball_that_was_not_seated_is_left_out():
     table = touches_of_pair("four")
     q = table.q.copy()
@@ -150,7 +142,7 @@ def placed_rigs(apart_mm: float = 1500.0) -> tuple[Rig, Rig]:
     return left, with_robot(right, base=base)
 
 
-def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_ones():
+def test_planned_touches_seat_the_ball_within_limits():
     left, right = placed_rigs()
     planned = plan_touches(left, right, 20, "t")
     table = planned.table
@@ -162,15 +154,6 @@ def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_o
     assert np.abs(tips[0] - there).max() < 0.01
     arms = PairArm(left, ()).model.arm, PairArm(right, ()).model.arm
     assert is_clear(arms, table.q, table.p, tips[0]).all()
-    q, p = common_postures(arms, (np.array(FIRST_BALL), np.array(SECOND_BALL)), 20, np.random.default_rng(4), "t")
-    table = PairTable(q, p, np.full(20, "A"), np.arange(1, 21))
-    pair, zeros = pair_of(left, right, table, "t"), [np.zeros(len(arm_terms(rig))) for rig in (left, right)]
-    state = PairState((zeros[0], zeros[1]), np.eye(4), np.array(FIRST_BALL), {"A": np.array(SECOND_BALL)})
-    gaps = linearise(pair, state)
-    by_chance = result_of(FittedPair(pair, gaps, expected_posterior(gaps), state, (), 0.0))
-    u = [[one.u for one in found.constants] for found in (planned.expected, by_chance)]
-    assert np.log(np.divide(*u)).mean() < np.log(0.95)
-    assert max(planned.expected.base.u_work_mm) < max(by_chance.base.u_work_mm) * 1.01
 
 
 def test_arms_that_do_not_reach_each_other_are_refused():

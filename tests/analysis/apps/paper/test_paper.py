@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from analysis.apps.paper import pictures
-from analysis.apps.paper.rows import PaperRow, answer_of, circle, curve_of, repeats, rows_of, sphere, step, typical_seed
-from analysis.apps.report.blocks import say_answer
+from analysis.apps.paper.rows import PaperRow, circle, curve_of, repeats, rows_of, sphere, step, typical_seed
 from analysis.procedures.simulate import simulate
-from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from tests.support.command_line import json_of
 
@@ -107,13 +105,6 @@ def test_json_is_the_same_table(rows):
     assert [row["ours"] for row in told["rows"]] == [row.ours for row in rows.values()]
 
 
-def test_another_rig_can_be_asked_for(capsys):
-    plain = load("paper-fanuc")[0]
-    assert len(rows_of(plain)) > 20
-    say_answer(answer_of(plain, rows_of(plain)))
-    assert plain.name in capsys.readouterr().out
-
-
 def test_data_figures_are_drawn_with_the_figures_of_the_table(rows, tmp_path, monkeypatch):
     charts = pictures.charts_of(RIG, TEXT)
     (bands,) = charts[6]
@@ -127,12 +118,6 @@ def test_data_figures_are_drawn_with_the_figures_of_the_table(rows, tmp_path, mo
     written = pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "pictures")
     assert [int(path.name.split("-")[1]) for path in written] == [6, 13]
     assert all(path.stat().st_size > 10_000 for path in written)
-
-
-def test_a_picture_that_cannot_be_written_is_one_line(rows, tmp_path):
-    (tmp_path / "taken").write_text("a file")
-    with pytest.raises(FileError, match="choose a different --plot"):
-        pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "taken" / "pictures")
 
 
 def test_drawn_repeatability_is_typical_of_the_table():

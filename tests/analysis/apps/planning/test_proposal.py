@@ -98,14 +98,6 @@ def test_hidden_errors_of_one_circle_propose_ball_offset_and_radius(
     assert sum(one.candidate.minutes for one in proposed.circles) <= 120
 
 
-def test_time_that_is_too_short_proposes_nothing(proposed, every):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(proposals, "circle_candidates", lambda *_: (every, {}))
-        patch.setattr(proposals, "judged", lambda _: proposed.before)
-        found = propose(RIG, CIRCLE, 3, 5.0)
-    assert found.circles == () and found.after is found.before
-
-
 def test_proposed_rig_files_are_valid_and_keep_comments(proposed, tmp_path):
     written = write(proposed, TEXT, tmp_path / "circles")
     assert [path.name for path in written] == [

@@ -7,7 +7,6 @@ from analysis.apps.plant import collect as module
 from analysis.apps.plant.collect import Collected, Workers
 from analysis.apps.plant.store import FILE, entries
 from analysis.runs.loading import load_measured, refuse_copies
-from daq.store import relabel
 from rigs.errors import FileError
 from tests.support.command_line import succeeded
 from tests.support.dated_runs import dated_run
@@ -47,14 +46,6 @@ def test_runs_of_other_robots_are_not_evaluated(runs):
     mine = ["000-acw", "001-acw", "002-acw"]
     assert [run.name for run in collect(runs, "ur10e").runs] == mine
     assert sorted(entries(runs / FILE)) == mine
-
-
-def test_a_copy_counts_once(runs):
-    shutil.copytree(runs / "000-acw", runs / "copied")
-    found = collect(runs, "ur10e")
-    assert len(found.runs) == 3 and len(found.notes) == 1
-    relabel(runs / "copied", operator="Ann")
-    assert collect(runs, "ur10e").notes == found.notes
 
 
 def test_a_table_that_was_imported_twice_counts_once(runs):

@@ -138,28 +138,6 @@ def test_a_name_in_two_directories_is_two_robots(plant, file):
     assert found[("other", "robot-002")] == VISITS
 
 
-def test_a_catalogue_damaged_within_is_rebuilt(plant, file):
-    first = gathered(plant, file)
-    whole = bytearray(file.read_bytes())
-    whole[8192:-4096] = b"\x7f" * (len(whole) - 8192 - 4096)
-    file.write_bytes(whole)
-    again = gathered(plant, file)
-    assert (again.robots, len(again.notes)) == (first.robots, 1)
-    assert gathered(plant, file).examined == 0
-
-
-def test_robots_that_another_command_finds_meanwhile_are_its_own(plant, file):
-    def another(doing: str, done: int, total: int) -> None:
-        if (doing, done) == ("judging robots", total):
-            shutil.rmtree(plant / "robot-001")
-            write(plant, 4, 0.0)
-            gathered(plant, file)
-
-    found = gathered(plant, file, progress=another)
-    assert {one.robot for one in found.robots} == {f"robot-{number:03d}" for number in (1, 2, 3)}
-    assert {(one.folder, one.robot) for one in found.robots} == found.digests.keys()
-
-
 def test_runs_read_before_an_interruption_are_kept(plant, file):
     def ended(doing: str, done: int, total: int) -> None:
         if done == 5:

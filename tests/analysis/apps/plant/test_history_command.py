@@ -9,8 +9,6 @@ import pytest
 import yaml
 
 from analysis.apps.plant.history import history_of, remarks, sentences
-from analysis.apps.plant.history_report import write_page
-from rigs.errors import FileError
 from tests.support.changed_rigs import shipped
 from tests.support.command_line import errors_of, failure_of, json_of, succeeded
 from tests.support.dated_runs import dated_run
@@ -125,12 +123,3 @@ def test_other_programs_and_placements_are_series_of_their_own():
     moved = [replace(run, program="other", placement="north") for run in STILL[half:]]
     titles = {series.title for series in history_of(collected([*STILL[:half], *moved])).series}
     assert "yaw acw, placement north" in titles and len(titles) == 8
-
-
-def test_a_page_is_always_the_same(tmp_path):
-    history = history_of(collected(GREW), "play_j2_deg")
-    for name in ("one.html", "two.html"):
-        write_page(history, tmp_path / name)
-    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
-    with pytest.raises(FileError):
-        write_page(history, tmp_path / "one.html" / "page.html")

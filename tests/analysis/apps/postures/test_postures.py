@@ -194,16 +194,6 @@ def test_the_best_sequence_is_the_best_of_all(change):
     assert tuple(best_sequence(candidates, errors, change=change).rows) == min(every, key=price)
 
 
-def test_expensive_changes_keep_the_branch_and_free_ones_lower_the_error():
-    rig = ur10(JointOffset(axis=5, offset_deg=SIZE_DEG), JointOffset(axis=2, offset_deg=-SIZE_DEG))
-    given = about(POSTURE, 8, 20.0)
-    poses = forward(arm_of(rig.robot), given)
-    dear, free = (choose_postures(rig, poses, given, change=price) for price in (50.0, 0.0))
-    assert dear.best.changes == 0
-    assert free.best.rms_mm <= dear.best.rms_mm <= dear.usual.rms_mm
-    assert np.abs(dear.candidates.q[dear.usual.rows] - given).max() < 1e-6  # the table's own postures are compared
-
-
 def test_a_singular_posture_of_the_program_is_compared_but_not_chosen():
     rig = ur10(JointOffset(axis=5, offset_deg=SIZE_DEG))
     given = np.stack([POSTURE, POSTURE])

@@ -128,15 +128,6 @@ def test_unknown_maker_is_asked_for(cell, tmp_path):
     assert failure_of(f"session {cell} -o {tmp_path}/own")[1] == "session.maker"
 
 
-def test_missing_ports_end_the_session_and_keep_its_state(cell, tmp_path):
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-        tmp_path.chmod(0o700)
-        assert failure_of(f"session {cell} -o {tmp_path}/own --for kuka")[1] == "process.ended"
-    kept = SessionDirectory(tmp_path / "own").read()
-    assert kept.steps[0].is_open
-
-
 def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
     session = begun(cell, tmp_path / "own")
 

@@ -15,7 +15,6 @@ import yaml
 from analysis.apps.window.app import Window
 from tests.support.bench import Bench, rig_text
 from tests.support.browser import CHROMIUM, Browser, browser
-from tests.support.nightly import cases
 from tests.support.simulated_laps import lap_run
 from tests.support.windows import PATIENCE_S, Playing, served
 
@@ -161,21 +160,6 @@ def test_every_page_is_accessible_and_hostile_names_do_nothing(chromium, runs, t
         hold_quiet(chromium, one.port, ("404",))
 
 
-@pytest.mark.cpu_limit(100)
-@pytest.mark.parametrize(("language", "word"), cases([("de", "Taster"), ("ko", "게이지")], [("ko", "게이지")]))
-def test_it_speaks_three_languages_and_asks_who_it_is(chromium, runs, language, word):
-    with served(runs, token=TOKEN, source=Playing(runs / "runs" / "run-1", 30.0)) as one:
-        opened(chromium, one.address)
-        assert chromium.value("location.pathname") == "/login" and violations(chromium) == []
-        loaded(chromium, lambda: sent(chromium, "token", TOKEN))
-        loaded(chromium, lambda: sent(chromium, "language", language))
-        assert chromium.value("[location.pathname, document.documentElement.lang]") == ["/", language]
-        assert word in chromium.value("document.body.textContent")
-        chromium.until("document.getElementById('g1')?.textContent.length > 3")
-        assert violations(chromium) == []
-        hold_quiet(chromium, one.port)
-
-
 @pytest.mark.real_time(match="not true")
 @pytest.mark.cpu_limit(150)
 def test_lap_is_recorded_from_the_page_and_survives_the_daemon(chromium, tmp_path):
@@ -209,15 +193,3 @@ def test_lap_is_recorded_from_the_page_and_survives_the_daemon(chromium, tmp_pat
             chromium.until("!document.getElementById('state').classList.contains('stale')")
             assert chromium.value(TEXT.format("acw-band")) == band
             hold_quiet(chromium, one.port)
-
-
-def test_ten_browsers_follow_one_client(runs):
-    with served(runs, source=Playing(runs / "runs" / "run-1", 1.0)) as one:
-        socks = [one.raw(b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n") for _ in range(10)]
-        heard = [b""] * 10
-        end_s = time.monotonic() + PATIENCE_S
-        while min(data.count(b"event: now") for data in heard) < 10:
-            assert time.monotonic() < end_s
-            heard = [data + sock.recv(1 << 20) for data, sock in zip(heard, socks, strict=True)]
-        for sock in socks:
-            sock.close()

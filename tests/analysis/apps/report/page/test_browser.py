@@ -176,16 +176,6 @@ def test_dark_paper_has_light_ink(opened):
     assert opened.value("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 27)"
 
 
-def test_without_scripts_text_tables_and_pictures_are_seen(page, tmp_path):
-    with browser(tmp_path / "profile") as one:
-        one.send("Emulation.setScriptExecutionDisabled", value=True)
-        one.send("Page.navigate", url=page.as_uri())
-        one.until("document.readyState === 'complete' && document.querySelectorAll('.still').length > 5")
-        assert one.value("[...document.querySelectorAll('.still')].every(one => one.naturalWidth && one.offsetParent)")
-        assert one.value("document.querySelectorAll('.main-svg').length") == 0
-        assert one.value("document.querySelectorAll('table').length") > 3
-
-
 _LAID_OUT = """
 (() => {
   const box = (node) => node.getBoundingClientRect(), problems = [];
