@@ -293,7 +293,8 @@ class AnswerWords:
         doubts = {named.doubt for named in self.diagnosis.effects}
         if self.diagnosis.runs_to_decide is None:
             if self.unrepeated:
-                return self.texts(f"finding_undecided_{'unexplained' if 'unexplained' in doubts else 'unrepeated'}")
+                unrepeated = "unrepeated" if self._repeats_decide else "unrepeated_later"
+                return self.texts(f"finding_undecided_{'unexplained' if 'unexplained' in doubts else unrepeated}")
             for doubt in IMITATED[::-1]:  # commanded angles first
                 if doubt in doubts:
                     return self.texts(f"finding_undecided_{doubt}")

@@ -17,6 +17,7 @@ from analysis.apps.emulate.robot import Trace
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of, write_programs
 from analysis.apps.programs.planned import plans_of
+from analysis.robot.geometry.driven_programs import circle_program
 from rigs.effects import JointOffset, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load
@@ -112,6 +113,15 @@ def test_entered_corrections_bring_the_tool_onto_the_circle(maker, name, tmp_pat
     assert off_mm(here, after, more_deg).max() < (5e-3 if maker == "yaskawa" else 1e-3)
     wave = [float(np.ptp(trace.g_mm[len(trace.g_mm) // 8 :], axis=0).max()) for trace in (before, after)]
     assert wave[0] > 0.1 and wave[1] < 0.02 * wave[0]  # what the gauges read of it
+
+
+@pytest.mark.parametrize(("maker", "name"), CASES)
+def test_program_drives_the_joints_of_its_plan(maker, name, tmp_path):
+    here = cell(maker, name, tmp_path)
+    trace = here.pendant().trace(plans_of(here.hidden, "yaw", 3.0)[1].name)
+    q = circle_program(here.hidden, "cw").q
+    np.testing.assert_allclose(trace.q[0], q[0], atol=1e-4 if maker == "yaskawa" else 1e-6)
+    np.testing.assert_allclose([trace.q.min(axis=0), trace.q.max(axis=0)], [q.min(axis=0), q.max(axis=0)], atol=1e-4)
 
 
 def pose_place(rig: Rig, q: Array) -> Array:
