@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from analysis.apps.emulate.robot import EmulatedRobot, ideal_results
-from rigs.load import load, load_hidden, parse
-from tests.support.bench import Bench, rig_text
+from rigs.load import load_hidden, parse
+from tests.support.bench import rig_text
 from tests.support.nightly import cases
 from tests.support.simulated_bench import SimulatedBench
 
@@ -40,22 +40,6 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(tmp_path, gauges, d
     for name, comparison in run["truth"].items():
         assert abs(comparison["deviation_u"]) < 4, (name, run["figures"][name], comparison)
     assert len(list((tmp_path / "pictures").glob("*.png"))) == 2
-
-
-@pytest.mark.real_time
-def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path):
-    with Bench(tmp_path) as bench, bench.emulating("paper-fanuc", "--effects", "paper-fanuc") as keyboard:
-        bench.rig = tmp_path / "cell" / "rig.yaml"
-        bench.socket = bench.socket.with_name("paper-fanuc.sock")
-        bench.start().all_reading()
-        assert keyboard("somersault").startswith("error: 'somersault': ")
-        before = bench.status()["streams"]["robot"]["last"]["q1_deg"]
-        assert keyboard("acw").startswith("acw: driving, ")
-        bench.until(lambda state: abs(state["streams"]["robot"]["last"]["q1_deg"] - before) > 0.5)
-    planted = json.loads((tmp_path / "cell" / "truth.json").read_text())["planted"]
-    assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1] and len(planted["effects"]) == 4
-    served, _ = load(bench.rig)
-    assert served.effects == () and not any(served.tests.circle.eccentricity_mm)  # rigd's rig file gives nothing away
 
 
 @pytest.mark.parametrize("test", cases(["radial", "repeatability"], ["repeatability"]))

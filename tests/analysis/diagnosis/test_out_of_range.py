@@ -13,7 +13,6 @@ from analysis.apps.report.diagnosis_report import write, write_model
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.errors import FileError
 from rigs.load import load
-from rigs.schema.effect import name_of
 from tests.support.diagnosis_cells import found_in
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.pose_runs import pose_run
@@ -33,15 +32,6 @@ def _found(wrong: Wrong, seed: int) -> Diagnosis:
     R, p = flange(constants_of("ur10e"), small, q)
     places = p + R @ _TOOL_MM + [2100.0, -800.0, 600.0] + rng.normal(0, 0.03, (_POSES, 3))
     return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
-
-
-def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate():
-    found = _found(replace(none(), a=np.array([0, 0, -30.0, 0, 0, 0])), seed=3)
-    (named,) = found.effects
-    assert (found.condition, name_of(named.effect)) == ("out_of_range", "link_geometry 3.a") and named.is_confirmed
-    assert named.effect.delta == pytest.approx(-30.0, rel=0.01)
-    assert found.train.after_um < 0.1 * found.train.before_um
-    assert [act.kind for act in found.acts] == ["check"] and found.calibrated is None
 
 
 def test_large_difference_from_the_data_sheet_is_no_fault_and_is_checked_in_the_rig_file():

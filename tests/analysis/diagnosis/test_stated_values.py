@@ -1,26 +1,19 @@
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from analysis.correction.pose_uncertainty import PoseUncertainty
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.shared.test_kind import path_of
-from analysis.robot.geometry.pose_setup import fit_setup, position_error
-from analysis.robot.predict import model_of, moved
 from analysis.runs.loading import Measured
-from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig
-from tests.worlds.arms.seven_axes import Fault, constants_of, draw_postures, draw_truth, run_of, touch_table
-from tests.worlds.stranger.screws import arm_from
+from tests.worlds.arms.seven_axes import Fault, draw_truth, run_of, touch_table
 
 _BALL_MM = np.array([3.0, -1.5, 36.0])
 _SOCKETS_MM = np.array([[190.0, -70.0, 15.0], [190.0, 65.0, 60.0]])
@@ -62,45 +55,15 @@ def test_a_distance_that_was_measured_again_replaces_the_one_recorded_with_the_r
 
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
-SCALE = 1e-3
 SOCKETS = np.array([[450.0, -200.0, 150.0], [450.0, 100.0, 150.0], [-100.0, 500.0, 300.0]])
 KNOWN = "{sockets: [A, B, C], distances: [{between: [B, A], distance_mm: 300, u_mm: 0.02}]}"
 RIG = parse(f"name: seven\n{load_arm('franka-fr3').text}tests: {{touch: {KNOWN}}}\n", "seven.yaml")
 
 
-@pytest.fixture(scope="module")
-def case():
-    """An arm with all lengths larger than in the rig file by the same share, and touches of it."""
+def test_all_placements_share_the_error_of_a_known_distance():
     rng = np.random.default_rng(3)
-    truth = draw_truth(RIG.robot, rng, ())
-    nominal, off = constants_of(RIG.robot), truth.off
-    a, d = (own * (1 + SCALE) for own in (nominal.a, nominal.d))
-    grown = replace(nominal, a=a + off.a, d=d + off.d, alpha=nominal.alpha + off.alpha, zero=nominal.zero + off.zero)
-    truth = replace(truth, arm=arm_from(grown))
-    return truth, touch_table(RIG.robot, truth, rng, BALL_MM, SOCKETS, 45)
-
-
-def test_a_known_distance_gives_the_scale_with_its_uncertainty(case):
-    truth, touches = case
-    found = diagnose(RIG, [run_of(RIG, touches)], [], [], lambda _: None)
-    effects = [*(one.effect for one in found.written), *found.calibrated.effects]
-    q = draw_postures(RIG.robot, np.random.default_rng(4), 200)
-    really = truth.places(q, np.vstack([q[:1], q[:-1]]), BALL_MM)
-    off_mm, too_small = [], []
-    for model in (model_of(RIG, []), model_of(RIG, effects)):
-        T = moved(model, path_of(model, PoseTable(q, really, None))).T
-        off_mm.append(np.linalg.norm(position_error(T, really, fit_setup(T, really))))
-        places = T[:, :3, 3] + T[:, :3, :3] @ BALL_MM
-        own, other = places - places.mean(axis=0), really - really.mean(axis=0)
-        too_small.append(np.linalg.svd(own.T @ other)[1].sum() / (own**2).sum() - 1)
-    assert too_small[0] > 0.4 * SCALE and off_mm[1] < 0.5 * off_mm[0]
-    moves = PoseUncertainty(RIG, found.calibrated).pose_displacements(q)[:, :, :3]
-    u = np.linalg.norm(np.einsum("kni,ni->k", moves, own)) / (own**2).sum()
-    assert u < 0.4 * SCALE and abs(too_small[1]) < 3 * u
-
-
-def test_all_placements_share_the_error_of_a_known_distance(case):
-    runs = [run_of(RIG, case[1], name, place) for name, place in (("one", "left"), ("two", "right"))]
+    touches = touch_table(RIG.robot, draw_truth(RIG.robot, rng, ()), rng, BALL_MM, SOCKETS, 45)
+    runs = [run_of(RIG, touches, name, place) for name, place in (("one", "left"), ("two", "right"))]
     (seen,), _ = prepare_runs(RIG, runs)
     setups, _ = fit_run_setups(seen)
     linear = linearise(blocks_of(seen, setups), setups)

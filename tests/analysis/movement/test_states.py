@@ -141,18 +141,6 @@ def _run(name: str, poses: int, *, base_mm: tuple[float, float, float] = (0, 0, 
     return pose_run("ur10e", q, places, name)
 
 
-def test_runs_after_a_moved_base_have_a_placement_of_their_own():
-    runs = [_run("before", 40), _run("after", 20, base_mm=(0.5, -1.1, 0.3))]
-    runs.append(_run("third", 20, base_mm=(0.5, 0.4, 0.3)))
-    sound, movements, doubts = without_moved(RIG, runs)
-    assert [(movement.from_, movement.to, movement.what) for movement in movements] == [
-        ("before", "after", "base"), ("after", "third", "base")
-    ]  # fmt: skip
-    assert [run.run.manifest.placement for run in sound] == ["door", "door from after", "door from third"]
-    assert [movement.to_dict()["alike"] for movement in movements] == ["instrument"] * 2  # as in the sentence
-    assert any(doubt.startswith("third and later") for doubt in doubts)
-
-
 def test_zero_of_axis_1_and_rotated_base_are_indistinguishable():
     _, (movement,), _ = without_moved(RIG, [_run("before", 40), _run("after", 20, turn_deg=0.1)])
     assert (movement.what, movement.axis, movement.alike, movement.odds) == ("zero", 1, "base", MOST_ODDS)

@@ -1,53 +1,15 @@
 """scripts/install into a directory, and out of it again; the same on a booted system is scripts/booted."""
 
-import hashlib
-import importlib.util
 import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[3]
 INSTALL = ROOT / "scripts" / "install"
-FILES = {
-    "usr/local/lib/sysusers.d/rig.conf": "rig.sysusers",
-    "usr/local/lib/systemd/system/rigd@.service": "rigd@.service",
-    "etc/udev/rules.d/99-rig.rules": "99-rig.rules",
-}
-BUILDING = ("hatchling", "packaging", "pathspec", "pluggy", "trove_classifiers")
-
-
-def _python_with_pip() -> str:
-    # private: the Python that made this environment, which `sys` names nowhere else
-    for python in (getattr(sys, "_base_executable", sys.executable), "/usr/bin/python3"):
-        if not subprocess.run([python, "-m", "pip", "--version"], capture_output=True, check=False).returncode:
-            return python
-    pytest.skip("no Python with pip here, which scripts/install needs")
-
-
-def _environment_of_the_lock(place: Path, python: str) -> None:
-    """Create the environment of an earlier installation with only the build packages, so no download is needed."""
-    subprocess.run([python, "-m", "venv", "--without-pip", place], check=True)
-    (packages,) = place.glob("lib/python*/site-packages")
-    for name in BUILDING:
-        spec = importlib.util.find_spec(name)
-        assert spec.origin
-        (packages / name).symlink_to(Path(spec.origin).parent)
-    version = subprocess.run([python, "--version"], capture_output=True, check=True).stdout
-    lock = hashlib.sha256((ROOT / "scripts" / "runtime.lock").read_bytes() + version).hexdigest()[:16]
-    (place / f"lock-{lock}").touch()
-
-
-def _people_s(root: Path) -> dict[Path, str]:
-    files = {root / "etc/rig/cell.yaml": "name: cell\n", root / "var/lib/rigd-cell/runs/lap/manifest.json": "{}"}
-    for path, text in files.items():
-        path.parent.mkdir(parents=True)
-        path.write_text(text)
-    return files
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="not root")
@@ -96,35 +58,6 @@ def test_the_addresses_of_each_rig_file_are_allowed(tmp_path):
     assert install("--addresses")[0] == f"unchanged    {drop_in}"
     install("--remove")
     assert not list(units.iterdir()) and len(list((tmp_path / "etc/rig").iterdir())) == 2
-
-
-def test_uninstalling_keeps_files_of_the_user(tmp_path):
-    python = _python_with_pip()
-    _environment_of_the_lock(tmp_path / "opt/rig", python)
-    made = _people_s(tmp_path)
-
-    def install(*options: str) -> list[str]:
-        command = [INSTALL, "--root", tmp_path, *options]
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHON": python}
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout.splitlines()
-
-    said = install()
-    assert f"unchanged    {tmp_path}/opt/rig: what scripts/runtime.lock pins" in said
-    assert f"installed    {tmp_path}/etc/udev/rules.d/99-rig.rules" in said
-    for place, source in FILES.items():
-        assert (tmp_path / place).read_bytes() == (ROOT / "systemd" / source).read_bytes()
-        assert (tmp_path / place).stat().st_mode & 0o777 == 0o644
-    for program in ("rig", "rigd"):
-        assert (tmp_path / "opt/rig/bin" / program).read_text().startswith("#!/opt/rig/bin/python")
-    assert list((tmp_path / "opt/rig").glob("lib/python*/site-packages/daq/service/rigd.py"))
-    assert str((tmp_path / "usr/local/bin/rig").readlink()) == "/opt/rig/bin/rig"
-    install("--remove")
-    left = {path for path in tmp_path.rglob("*") if not path.is_dir()}
-    assert left == set(made) and {path: path.read_text() for path in left} == made
-    install("--remove")
 
 
 @pytest.mark.parametrize(

@@ -30,20 +30,6 @@ def test_systemd_hears_ready_watchdog_and_stopping(bench):
             heard = manager.recv(4096)
 
 
-def test_the_watchdog_is_fed_while_a_gauge_is_gone(bench):
-    address = bench.folder / "notify"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind(str(address))
-        manager.settimeout(PATIENCE_S)
-        bench.env |= {"NOTIFY_SOCKET": str(address), "WATCHDOG_USEC": "2000000"}
-        bench.start().all_reading()
-        bench.cell.stop()
-        bench.until(lambda state: not state["streams"]["robot"]["connected"])
-        while manager.recv(4096) != b"WATCHDOG=1":
-            pass
-        assert manager.recv(4096) == b"WATCHDOG=1"
-
-
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="no systemd-analyze")
 def test_the_unit_is_valid_and_hardened(tmp_path):
     unit = tmp_path / "rigd@cell.service"

@@ -33,10 +33,3 @@ def test_joints_that_went_on_after_they_were_read_are_reported():
     assert set(reported) == {2, 4} and reported[2] == pytest.approx(0.02, abs=0.003)
     act = found.next_act
     assert (act.kind, act.why) == ("wait", "early")
-
-
-def test_an_arm_whose_joints_were_read_early_is_not_called_sound():
-    found = _ahead(Q - np.radians([0.03, 0.05, 0.04, 0.03, 0.05, 0.03]) * np.sign(CAME))
-    assert set(_reported(found)) >= {1, 2, 3}
-    assert found.condition == "not_testable_here" and found.budget == ()
-    assert found.effects == ()

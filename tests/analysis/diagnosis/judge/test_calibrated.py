@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from analysis import calibrate
-from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection_state import background_effects, background_terms
 from analysis.diagnosis.judge.calibrated_model import (  # private: a diagnosis of a calibrated arm takes a minute
@@ -118,15 +117,3 @@ def test_a_calibration_by_few_poses_has_a_widened_u():
     few = pose_run("ur10e", run.table.q[:22], run.table.xyz_mm[:22])
     calibrated = calibrate([few]).calibrated
     assert calibrated.widened > 1.13  # Student of eleven neighbourhoods
-
-
-def test_few_poses_leave_the_widths_of_the_joint_curves_open():
-    run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
-    ratios = []
-    for count in (12, 60):
-        poses = pose_run("ur10e", run.table.q[:count], run.table.xyz_mm[:count])
-        found = search(prepare_runs(poses.rig, [poses], [], [])[0][0], lambda _: None)
-        _, likeliest = found.calibrated_posterior.joint(found.columns.set_ups.start, len(found.fit.unknowns))
-        ratios.append(np.trace(found.covariance[: len(likeliest), : len(likeliest)]) / np.trace(likeliest))
-    few, many = ratios
-    assert few > 1.2 * many >= 1.2
