@@ -32,9 +32,9 @@ class Cell:
     elsewhere: tuple[Path, ...]
 
     @property
-    def judged(self) -> list[Any]:
+    def judges(self) -> list[Any]:
         held = [word for path in self.left_out for word in ("--hold-out", path)]
-        return [*self.runs, *held, *(word for path in self.elsewhere for word in ("--unseen", path))]
+        return [*held, *(word for path in self.elsewhere for word in ("--unseen", path))]
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def cell(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(cell):
     output = cell.directory / "found"
-    done = succeeded("diagnose", *cell.judged, "--json", "-o", output)
+    done = succeeded("diagnose", *cell.runs, *cell.judges, "--json", "-o", output)
     return json.loads(done.stdout), done.stderr, output
 
 
@@ -78,10 +78,8 @@ def test_the_files_are_written_and_named(cell, found):
     assert (output / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
     extended = output / "paper-fanuc.yaml"
     (again,) = re.findall(r"next: rig diagnose (.*) --rig (.*)  # verify", told)
-    judged = [word for path in cell.left_out for word in ("--hold-out", path)]
-    judged += [word for path in cell.elsewhere for word in ("--unseen", path)]
     # The runs by their directory, of which each has a use, not one by one
-    assert again == (" ".join(map(str, [cell.runs[0].parent, *judged])), str(extended))
+    assert again == (" ".join(map(str, [cell.runs[0].parent, *cell.judges])), str(extended))
     assert cell.rig.read_text() == CELL
     (effect,) = load(extended)[0].effects
     assert effect.found and len(effect.found.runs) == len(cell.runs) and effect.found.gap_um

@@ -19,15 +19,10 @@ def driven(*stops_deg: float, state: LapProgress | None = None, noise_deg: float
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_a_lap_begins_after_the_lead_in(sense):
-    start = 30.0
-    found, shares = driven(start - 12 * sense, start + 180 * sense)
+    found, shares = driven(30 - 12 * sense, 30 + 180 * sense)
     assert found.sense == sense
     assert found.share(START, LEAD) == pytest.approx(0.5, abs=1e-6)
     assert np.nanmin(shares) == pytest.approx(-10 / 360, abs=0.01)
-
-
-def test_a_lap_from_the_very_start_counts_from_there():
-    assert driven(30, 120)[0].share(START, LEAD) == pytest.approx(0.25, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -48,25 +43,21 @@ def test_way_back_is_no_lap_of_the_other_direction(stops, acw, cw):
 def test_way_back_has_no_share_of_a_lap():
     back, _ = driven(18, 402, 200)
     assert back.goes_back and back.sense == -1 and back.share(START, LEAD) is None
-    again, _ = driven(200, 18, 210, state=back)
-    assert not again.goes_back and again.share(START, LEAD) == pytest.approx(0.5, abs=1e-6)
-    beyond, _ = driven(200, 18, -60, state=back)
-    assert not beyond.goes_back and beyond.share(START, LEAD) == pytest.approx(0.25, abs=1e-6)
+    for end, share in ((210, 0.5), (-60, 0.25)):
+        again, _ = driven(200, 18, end, state=back)
+        assert not again.goes_back and again.share(START, LEAD) == pytest.approx(share, abs=1e-6)
     off, _ = driven(18, 402)
     elsewhere, _ = driven(42, -100, state=off.ended())
     assert not elsewhere.goes_back and elsewhere.share(START, LEAD) is not None
 
 
-@pytest.mark.parametrize("joined_deg", [40, 100, 250, 340])
-def test_a_lap_that_is_joined_late_is_still_this_lap(joined_deg):
-    found, _ = driven(joined_deg, joined_deg + 30)
-    assert found.share(START, LEAD) == pytest.approx(joined_deg / 360, abs=1e-6)
-
-
-def test_two_laps_in_one_way_are_two():
-    found, _ = driven(18, 402 + 360)
-    assert found.share(START, LEAD) == pytest.approx(2 + 12 / 360, abs=1e-6)
-    assert found.ended().acw == 2
+@pytest.mark.parametrize(
+    ("begin", "end", "laps_deg"),
+    [(30, 120, 90), *((at, at + 30, at) for at in (40, 100, 250, 340)), (18, 402 + 360, 732)],
+    ids=["from the very start", *["joined late"] * 4, "two laps in one way"],
+)
+def test_a_lap_counts_from_its_start(begin, end, laps_deg):
+    assert driven(begin, end)[0].share(START, LEAD) == pytest.approx(laps_deg / 360, abs=1e-6)
 
 
 def test_the_noise_of_a_robot_that_stands_is_no_motion():

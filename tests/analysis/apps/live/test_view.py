@@ -29,18 +29,12 @@ def whole(acw):
     return watched_lap(acw)
 
 
-def test_the_band_is_that_of_the_analysis(acw, whole):
-    curve, other = shown_curves(whole)
-    measured = evaluate(load_run(acw)).figures["band_deg"]
+def test_band_and_shape_are_those_of_the_analysis(acw, whole):
+    (curve, other), found = shown_curves(whole), evaluate(load_run(acw))
     assert curve.is_whole and not len(other.phi)
     # A circle angle holds the last reading of either lap there; without noise that is the curve.
-    assert curve.band == pytest.approx(measured.value, rel=0.02)
-
-
-def test_the_error_has_the_shape_that_the_analysis_finds(acw, whole):
-    curve, _ = shown_curves(whole)
-    expected = evaluate(load_run(acw)).curve.error_deg
-    assert np.abs(curve.error - expected).max() < 0.1 * np.ptp(expected)
+    assert curve.band == pytest.approx(found.figures["band_deg"].value, rel=0.02)
+    assert np.abs(curve.error - found.curve.error_deg).max() < 0.1 * np.ptp(found.curve.error_deg)
 
 
 def test_the_reversals_are_those_of_the_analysis(acw, whole):
