@@ -77,16 +77,6 @@ def test_information_gives_the_uncertainty_that_the_plan_gives(
         assert known.sd(one) == pytest.approx(expected.sd(one), rel=0.02), name
 
 
-def test_information_of_two_sets_of_runs_adds_up(every, circle_alone):
-    own, other = circle_alone, planned_blocks(every[0].rig, CIRCLE, 1, " further")
-    both = expected_posterior([*own[0], *other[0]], {**own[1], **other[1]})
-    forms = FormInformation(both.candidates)
-    known = forms.posterior(forms.of(*own) + forms.of(*other))
-    for name in ("joint_offset 3", "link_geometry 4.a", "gauge_baseline"):
-        one = next(one for one in both.candidates if one.name == name)
-        assert known.sd(one) == pytest.approx(both.sd(one), rel=0.05), name
-
-
 def test_hidden_errors_of_one_circle_propose_ball_offset_and_radius(
     proposed,
 ):

@@ -39,7 +39,6 @@ from tests.analysis.apps.correct.programs.cells import (
     fanuc_point,
     fanuc_pose,
     kuka_pose,
-    module_of,
     quaternion,
     robtarget_of,
     status_turn,
@@ -369,27 +368,6 @@ def test_abb(tmp_path):
     assert _left_mm(rig, flange_at(rig, np.radians(_values(lines[8])[:6])), ABB[0], ABB_TOOL) < 1e-3
     # The given coordinates have six digits.
     assert _left_mm(rig, _from_rapid(lines[19]), ABB[2], ABB_TOOL) < 2e-3
-
-
-def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path):
-    rig = rig_of("abb-irb-120")
-    pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", robtarget_of(rig, ABB[3], np.eye(4)))
-    files = module_of(f"ConfL\\Off;\nMoveAbsJ {{q0}},v9,fine,t;\nMoveL {pose},v9,fine,t;\n")
-    found = corrected_cell("abb", tmp_path, files)
-    assert not found.left
-    assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[6]), ABB[3], ABB_TOOL) < 2e-3
-
-
-@pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])
-def test_cfx_decides_between_elbows(q_deg, cfx, tmp_path):
-    """Both elbows are within the limits; a cfx of the other wrist has no solution."""
-    rig = rig_of("abb-irb-120")
-    for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
-        pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", robtarget_of(rig, q_deg, np.eye(4)))
-        found = corrected_cell("abb", tmp_path, module_of(f"MoveJ {pose},v9,fine,t;\n"))
-        assert [one.reason for one in found.left] == left
-        if not left:
-            assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[4]), q_deg, ABB_TOOL) < 2e-3
 
 
 @pytest.mark.parametrize(
