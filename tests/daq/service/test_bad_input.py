@@ -112,13 +112,6 @@ def test_ctrl_c_while_recording_closes_the_run(bench):
     ("command", "code", "told"),
     [
         (("record", "stop"), 4, "no recording"),
-        (
-            ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
-            2,
-            "name 'a/b'",
-        ),
-        (("record", "start", "x", "--test", "yaw"), 2, "direction"),
-        (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "direction"),
         (("status", "--rig", "other"), 4, "no daemon"),
     ],
 )
@@ -126,10 +119,9 @@ def test_impossible_requests_are_refused(running, command, code, told):
     assert told in running.fails("rig", *command, code=code)
 
 
-@pytest.mark.parametrize("command", [("interfaces",), ("interfaces", "--json"), ("check", "ur10e")])
-def test_output_onto_a_full_disk_is_one_line(command):
+def test_output_onto_a_full_disk_is_one_line():
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run([BIN / "rig", "interfaces"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and os.strerror(errno.ENOSPC) in done.stderr
 
 
