@@ -1,4 +1,4 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,17 +20,10 @@ from rigs.problems import RigFileError
 from rigs.rig import Rig
 from tests.support.command_line import ran
 from tests.worlds.arms.railed_arm import draw_rail, railed_poses
-from tests.worlds.arms.seven_axes import Fault, Truth, draw_postures, draw_truth, run_of
+from tests.worlds.arms.seven_axes import Fault, draw_postures, draw_truth, run_of
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
-ZERO = Fault("zero", 3, -0.25)
 CELL = f"name: railed\n{load_arm('ur10e').text}  rail: {{direction: [2, 0, 0], limits_mm: [0, 3000]}}\n"
-
-
-@dataclass(frozen=True)
-class Case:
-    arm: Truth
-    table: PoseTable
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +32,10 @@ def rig():
 
 
 @pytest.fixture(scope="module")
-def case(rig):
+def table(rig):
     rng = np.random.default_rng(17)
-    arm, rail = draw_truth(rig.robot, rng, (ZERO,)), draw_rail(rng, 0.3, 0.4, -0.9)
-    table = railed_poses(rig.robot, arm, rail, rng, BALL_MM, 150)
-    return Case(arm, table)
+    arm = draw_truth(rig.robot, rng, (Fault("zero", 3, -0.25),))
+    return railed_poses(rig.robot, arm, draw_rail(rng, 0.3, 0.4, -0.9), rng, BALL_MM, 150)
 
 
 def test_a_rail_carries_the_arm_and_its_jacobian(rig):
@@ -87,12 +79,12 @@ def test_tables_keep_the_rail_position():
     np.testing.assert_allclose(again.came_from, q - 0.1)
 
 
-def test_rail_missing_in_rig_file_or_table_is_reported(case, rig):
+def test_rail_missing_in_rig_file_or_table_is_reported(table, rig):
     standing = parse(CELL.replace("  rail:", "  # rail:"), "standing.yaml")
-    run = run_of(rig, case.table).run
+    run = run_of(rig, table).run
     with pytest.raises(FileError, match="no rail"):
         measured_of(run, standing)
-    bare = replace(run, table=columns_of(PoseTable(case.table.q[:, :6], case.table.xyz_mm, None)))
+    bare = replace(run, table=columns_of(PoseTable(table.q[:, :6], table.xyz_mm, None)))
     with pytest.raises(FileError, match="lacks e1_mm"):
         measured_of(bare, rig)
 
@@ -103,11 +95,11 @@ def test_standing_tests_are_refused_on_a_rail():
         parse(CELL + circle, "cell.yaml")
 
 
-def test_tables_without_it_and_rails_without_the_rest_are_refused_in_a_line(case, tmp_path):
-    cell, table = tmp_path / "cell.yaml", tmp_path / "poses.csv"
+def test_tables_without_it_and_rails_without_the_rest_are_refused_in_a_line(table, tmp_path):
+    cell, file = tmp_path / "cell.yaml", tmp_path / "poses.csv"
     cell.write_text(CELL)
-    csv.write_csv(columns_of(PoseTable(case.table.q[:, :6], case.table.xyz_mm, None)), table)
-    done = ran(f"import {table} --rig {cell} --test pose -o {tmp_path}/run")
+    csv.write_csv(columns_of(PoseTable(table.q[:, :6], table.xyz_mm, None)), file)
+    done = ran(f"import {file} --rig {cell} --test pose -o {tmp_path}/run")
     assert done.returncode and "e1_mm: " in done.stderr
     for words in (("plan", cell, "--poses", "12"), ("simulate", cell, "--test", "yaw", "-o", tmp_path / "none")):
         done = ran(*words)
@@ -119,26 +111,26 @@ def of_poses(rig: Rig, table: PoseTable) -> dict[str, float]:
     return {name: figure.value for name, figure in figures.items()}
 
 
-def test_a_turned_base_carries_its_rail_with_it(case, rig):
+def test_a_turned_base_carries_its_rail_with_it(table, rig):
     """Base and tool are fitted: where the base of the rig file stands changes no figure, and no joint is to blame."""
     turned = parse(
         CELL.replace("  rail:", "  base: {xyz_mm: [100, 0, 50], rpy_deg: [180, 0, 90]}\n  rail:"), "turned.yaml"
     )
-    assert of_poses(turned, case.table) == pytest.approx(of_poses(rig, case.table), rel=1e-6)
-    assert not [*joint_findings(case.table, turned), *unit_findings(case.table, turned)]
+    assert of_poses(turned, table) == pytest.approx(of_poses(rig, table), rel=1e-6)
+    assert not [*joint_findings(table, turned), *unit_findings(table, turned)]
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1000), ("inches", 25.4), ("cm", 10)])
-def test_a_rail_in_another_unit_is_refused(case, rig, unit, factor):
-    found = next(unit_findings(replace(case.table, q=case.table.q / [*np.ones(6), factor]), rig))
+def test_a_rail_in_another_unit_is_refused(table, rig, unit, factor):
+    found = next(unit_findings(replace(table, q=table.q / [*np.ones(6), factor]), rig))
     assert found.strength == "impossible"
     assert found.what.startswith(f"e1_mm is in {unit}")
-    assert not list(unit_findings(case.table, rig))
+    assert not list(unit_findings(table, rig))
 
 
-def test_a_rail_beyond_its_ends_and_one_that_counts_the_other_way_are_doubted(case, rig):
+def test_a_rail_beyond_its_ends_and_one_that_counts_the_other_way_are_doubted(table, rig):
     far = parse(CELL.replace("3000", "2000"), "short.yaml")
-    assert [one.strength for one in unit_findings(case.table, far)] == ["likely"]
-    backwards = replace(case.table, q=case.table.q * [*np.ones(6), -1])
+    assert [one.strength for one in unit_findings(table, far)] == ["likely"]
+    backwards = replace(table, q=table.q * [*np.ones(6), -1])
     (found,) = joint_findings(backwards, rig)
     assert "correct robot.rail.direction" in found.remedy

@@ -125,16 +125,15 @@ def test_a_table_without_a_fitting_place_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("joints_are", "extra"),
     [
-        ("first", "uncertainties"), ("in another file", "numbered points"), ("appended", "times"),
+        ("first", "uncertainties"), ("in another file", "numbered points"),
     ],
 )  # fmt: skip
 def test_points_of_a_report_without_a_header_are_found_among_other_numbers(joints_are, extra, tmp_path):
     p, rng = measured("ur10e", 12, 30), np.random.default_rng(13)
     u_mm = rng.uniform(0.01, 0.03, p.xyz_mm.shape) if extra == "uncertainties" else np.empty((30, 0))
-    t_s = 100 + 3.5 * np.arange(30)[:, None] if extra == "times" else np.empty((30, 0))
     point = [str(k) if extra == "numbered points" else f"p{k}" for k in range(30)]
-    blocks = {"appended": [p.xyz_mm, u_mm, t_s, np.degrees(p.q)], "first": [np.degrees(p.q), p.xyz_mm, u_mm, t_s]}
-    numbers = np.column_stack(blocks.get(joints_are, [p.xyz_mm, u_mm, t_s]))
+    joints = [np.degrees(p.q)] if joints_are == "first" else []
+    numbers = np.column_stack([*joints, p.xyz_mm, u_mm])
     cells = [",".join(f"{value:.6f}" for value in row) for row in numbers]
     lines = [f"A,Main,{name},{values}" for name, values in zip(point, cells, strict=True)]
     words = written(tmp_path, "ur10e", JOINTS, np.degrees(p.q))

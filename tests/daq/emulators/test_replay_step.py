@@ -71,20 +71,6 @@ def test_a_question_gets_the_answer_of_its_time(question_ms, answer, answer_ms, 
     assert kept.skipped == skipped
 
 
-def test_polling_host_keeps_the_time_of_the_capture():
-    kept = steps()
-    device = answering(ROUNDS, kept)
-    now, heard = 3 * MS, []
-    while not device.is_finished:
-        step = device.received(b"?\r", now)
-        while not step.send and step.wake_ns is not None and not device.is_finished:
-            now = step.wake_ns
-            step = device.tick(now)
-        heard.append((step.send, now / MS))
-        now += 3 * MS  # slower than it was captured
-    assert [said for said in heard if said[0]] == [(b"%d\r" % k, 10 * k + 8) for k in range(5)]
-
-
 def test_a_number_that_an_answer_repeats_is_that_of_the_question():
     device = answering([asked(0, b"\0\7read"), came(8, b"\0\7is 5"), lost(50)], steps())
     step = device.received(b"\1\2read", 0)
