@@ -3,8 +3,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import (
@@ -159,15 +157,6 @@ def _goes_on(state: RecorderState, world: World) -> None:
         point = follow(point, Created(run))
     assert isinstance(point[0].phase, Idle if state.recording is None else Running)
     assert point[0].recording == state.recording and not point[0].leaving
-
-
-@settings(max_examples=300)
-@given(data=st.data())
-def test_long_sequences_of_events(data):
-    point = (RecorderState(), World())
-    for _ in range(data.draw(st.integers(10, 80))):
-        point = follow(point, data.draw(st.sampled_from(list(events(point[1])))))
-    _goes_on(*point)
 
 
 def _after(*happened: Event) -> RecorderState:
