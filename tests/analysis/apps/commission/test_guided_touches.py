@@ -60,6 +60,10 @@ def _last_proposal(said: list[str]) -> str:
     return next(line for line in reversed(said) if "J1 " in line)
 
 
+def before(folder: Path) -> GuidedCheck:
+    return GuidedCheck.of_runs([load_run(folder / "runs" / "before")])
+
+
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch):
     monkeypatch.setattr("analysis.apps.commission.record_touches._POLL_S", 0.0)  # private: no waiting
@@ -67,7 +71,7 @@ def no_waiting(monkeypatch):
 
 def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path):
     case = moved_cell(tmp_path, "zero 2", seed=4)
-    check = GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
+    check = before(tmp_path)
     person = Person(case, first=np.degrees(case.before[0]) + 40.0)
     check = follow_touches(person, check, person.say)
     assert check.is_decided and check.result.named is not None
@@ -76,12 +80,12 @@ def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path):
     run = check.save(tmp_path / "runs" / "after", "ada")
     assert len(load_run(run).table.q) == len(check.touches)
     with refused("touch.too_few"):
-        GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")]).save(tmp_path / "empty", "")
+        before(tmp_path).save(tmp_path / "empty", "")
 
 
 def test_unmoved_is_concluded_only_after_enough_touches(tmp_path):
     case = moved_cell(tmp_path, "nothing", seed=5)
-    person, check = Person(case), GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
+    person, check = Person(case), before(tmp_path)
     check = follow_touches(person, check, person.say)
     assert check.result.named.what == "nothing"
     assert len(check.touches) >= 4
@@ -92,7 +96,7 @@ def test_unmoved_is_concluded_only_after_enough_touches(tmp_path):
 
 def test_the_posture_at_the_start_is_no_touch(tmp_path):
     case = moved_cell(tmp_path, "zero 2", seed=4)
-    check = GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
+    check = before(tmp_path)
     person = Person(case)
     person.rests_first = np.degrees(case.before[3])
     check = follow_touches(person, check, person.say)

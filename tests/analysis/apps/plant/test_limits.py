@@ -33,11 +33,6 @@ def judged_words(values: list[float], u: float = 0.0005) -> tuple[str, list[str]
     return against_limit(series), [line for line in sentences(history) if "limit" in line]
 
 
-def test_the_table_has_the_standing_without_its_day():
-    (series,) = history_of(collected(runs_of([0.006, 0.024, 0.026]), LIMITS)).series
-    assert against_limit(series) == f"{against_limit(series, dated=False)} since 2026-05-02"
-
-
 @pytest.mark.parametrize(
     ("values", "told", "words"),
     [

@@ -64,10 +64,6 @@ def test_runs_of_one_day_have_times_of_that_day(tmp_path):
     assert "There are 4 runs, on 25 Nov 2026" in html
 
 
-def test_runs_of_one_moment_have_no_axis(tmp_path):
-    assert "<svg" not in page_of(runs_at([0, 0]), tmp_path / "page.html")
-
-
 @pytest.mark.parametrize(
     ("simulated", "runs", "begins"), [(0, 3, ""), (1, 1, "This run"), (3, 3, "All runs"), (1, 3, "1 of 3 runs")]
 )

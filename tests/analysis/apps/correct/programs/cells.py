@@ -148,11 +148,11 @@ def status_turn(rig: Rig, q_deg: Sequence[float]) -> tuple[int, int]:
     return status, sum(1 << axis for axis, angle in enumerate(q_deg) if angle < 0)
 
 
-def kuka_pose(rig: Rig, q_deg: Sequence[float], *, status: int | None = None) -> str:
+def kuka_pose(rig: Rig, q_deg: Sequence[float]) -> str:
     X = np.linalg.inv(KUKA_BASE) @ flange_at(rig, np.radians(q_deg)) @ KUKA_TOOL
     S, T = status_turn(rig, q_deg)
     pairs = [f"{name} {value:.6f}" for name, value in zip("XYZABC", numbers_of(X, "ZYX"), strict=True)]
-    return ",".join([*pairs, f"S {S if status is None else status}", f"T {T}"]) + NO_EXTERNAL
+    return ",".join([*pairs, f"S {S}", f"T {T}"]) + NO_EXTERNAL
 
 
 def kuka_joints(q_deg: Sequence[float]) -> str:

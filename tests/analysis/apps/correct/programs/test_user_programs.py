@@ -23,7 +23,6 @@ from tests.analysis.apps.correct.programs.cells import (
     FANUC,
     FANUC_TOOL,
     FANUC_USER,
-    HEAD,
     KUKA,
     KUKA_BASE,
     KUKA_TOOL,
@@ -34,14 +33,12 @@ from tests.analysis.apps.correct.programs.cells import (
     YASKAWA_STATED,
     YASKAWA_TOOL,
     corrected,
-    corrected_cell,
     fanuc_joints,
     fanuc_point,
     fanuc_pose,
     kuka_pose,
     quaternion,
     robtarget_of,
-    status_turn,
     uncorrected,
     ur_pose,
     yaskawa_pose,
@@ -284,19 +281,6 @@ def test_kuka(tmp_path):
     a, *_ = ([float(v) for v in re.findall(rf"A\d ({NUMBER})", line)] for line in _lines(found.files["Pick.src"])[6:7])
     assert _left_mm(rig, flange_at(rig, np.radians(a)), KUKA[0], KUKA_TOOL) < 1e-3
     assert _left_mm(rig, _from_krl(_lines(found.files["Pick.dat"])[6]), KUKA[2], KUKA_TOOL) < 1e-3
-
-
-@pytest.mark.parametrize("k", range(5))
-def test_kuka_status_and_turn_state_the_posture(k, tmp_path):
-    """The posture of a pose is that of its S and T; a different S has no solution."""
-    rig = rig_of("kuka-kr-10-r1100-2")
-    found = corrected_cell("kuka", tmp_path, {"a.src": f"{HEAD}PTP {{p{k}}}\nEND\n"})
-    assert not found.left
-    assert _left_mm(rig, _from_krl(_lines(found.files["a.src"])[3]), KUKA[k], KUKA_TOOL) < 1e-3
-    status = status_turn(rig, KUKA[k])[0]
-    for bit in (1, 2):
-        other = {"a.src": f"{HEAD}PTP {{{kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n"}
-        assert uncorrected(corrected_cell("kuka", tmp_path, other)) == [(4, "other_flags")]
 
 
 ABB_OBJECT = frame((300, 50, 100), Rotation.from_euler("z", 20, degrees=True))
