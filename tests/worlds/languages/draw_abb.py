@@ -78,7 +78,6 @@ class Writer:
             else:
                 self.declared.append(line)
         scope = _Scope(np.eye(4))
-        pen.taken("main")
         if pen.plain:
             for name, on in (("gripper_open", 0), ("GripClose", 1)):
                 self._put(name, [f"SetDO doGrip,{on};", "WaitTime 0.3;"], "still")
@@ -116,7 +115,7 @@ class Writer:
 
     def _routine(self, scope: _Scope) -> None:
         pen = self.pen
-        name, kind = pen.name("", title=True), pen.pick(["moves", "tool", "wobj", "disp", "mixed", "point", "conf"])
+        name, kind = pen.name(), pen.pick(["moves", "tool", "wobj", "disp", "mixed", "point", "conf"])
         inner = _Scope(scope.displaced, 1)
         lines = {
             "moves": self._joint(pen.astray()),
@@ -346,12 +345,5 @@ class Writer:
         return [f"MoveL {name}{{1}}{rest}", f"MoveL {name}{{{self.pen.pick(['2', 'reg1'])}}}{rest}"]
 
     def unknown(self) -> list[str]:
-        return [
-            self.pen.pick(
-                [
-                    f"{self.pen.name('', title=True)};",
-                    f"reg1:={self.pen.name('', title=True)}(1);",
-                    "DoSomethingElse 3,TRUE;",
-                ]
-            )
-        ]
+        pen = self.pen
+        return [pen.pick([f"{pen.name()};", f"reg1:={pen.name()}(1);", "DoSomethingElse 3,TRUE;"])]

@@ -47,7 +47,6 @@ class Writer:
 
     def draft(self) -> Draft:
         pen = self.pen
-        pen.taken("PICK_PART")
         if pen.plain:
             for name, on in (("GRIP_OPEN", "OFF"), ("GRIP_CLOSE", "ON")):
                 other = _Text(name)
@@ -64,8 +63,8 @@ class Writer:
         for _ in range(pen.whole(4, 9)):
             text.lines += self.line(scope)
         self._write(text)
-        tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.9)}
-        frames = {str(k): T for k, T in self.frames.items() if k and (pen.plain or pen.maybe(0.9))}
+        tools = pen.stated(self.tools, 0.9)
+        frames = pen.stated({k: T for k, T in self.frames.items() if k}, 0.9)
         return Draft("fanuc", self.files, "PICK_PART.LS", ("PICK_PART.LS",), tools, frames, pen.plain)
 
     def _write(self, text: _Text) -> None:
@@ -98,17 +97,14 @@ class Writer:
 
     def _routine(self) -> None:
         pen = self.pen
-        name, what = pen.name(upper=True), pen.pick(["moves", "tool", "frame", "mixed", "offset", "select"])
+        name, what = pen.name(), pen.pick(["moves", "tool", "frame", "mixed", "offset", "select"])
         other = _Text(name)
         scope = _Scope(other, 1, 1, 1)
         if what == "moves":
             other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(scope, pen.astray())]
         elif what == "mixed":
-            other.lines = [
-                "  UFRAME_NUM=1",
-                "  UTOOL_NUM=1",
-                *(one for _ in range(3) for one in self.line(scope)),
-            ]
+            lines = [one for _ in range(3) for one in self.line(scope)]
+            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *lines]
         elif what == "offset":
             other.lines = ["  OFFSET CONDITION PR[9]"]
         elif what == "select":
@@ -160,9 +156,8 @@ class Writer:
             X = np.linalg.inv(self.frames[scope.uf]) @ pen.flange(q) @ self.tools[scope.ut]
             x, y, z = X[:3, 3]
             w, p, r = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
-            config = config_letters(q)
             inside = (
-                f"\tUF : {uf}, UT : {scope.ut},\t\tCONFIG : '{config}, 0, 0, 0',\n"
+                f"\tUF : {uf}, UT : {scope.ut},\t\tCONFIG : '{config_letters(q)}, 0, 0, 0',\n"
                 f"\tX ={x:10.3f}  mm,\tY ={y:10.3f}  mm,\tZ ={z:10.3f}  mm,\n"
                 f"\tW ={w:10.3f} deg,\tP ={p:10.3f} deg,\tR ={r:10.3f} deg"
             )
@@ -181,7 +176,7 @@ class Writer:
             ]
         )
         after = pen.pick(["", "", "", "\n  Arc Start[1]    ", "\n  SPOT[SD=1,P=1,S=1,ED=1]    ", "logic"])
-        if pen.plain or after not in ("logic",):
+        if pen.plain or after != "logic":
             return [f"{kind}    {'' if after == 'logic' else after}"]
         action = pen.pick([["  DO[1]=ON", "  WAIT (DI[2])"], ["  TC_ONLINE (ON)", *self.call()], self.setting("tool")])
         return [f"J P[{k}] 100% CNT0 ACC100 TB   0.00sec,P-SPS    ", *(f"\v{one}" for one in action), "\v"]
@@ -253,7 +248,7 @@ class Writer:
             [[f"  {name}[{k}]=PR[5]"], [f"  PR[6]={name}[{k}]", f"  PR[6,3]={pen.rng.uniform(60, 150):.1f}", f"  {name}[{k}]=PR[6]"],
              [f"  {name}_NUM={k}", f"  {name}[{k}]=PR[7:kamera]"]]
         )  # fmt: skip
-        return ["  IF (DI[7]=ON) THEN", *lines, "  ENDIF"] if pen.maybe(0.3) else lines
+        return pen.inside(0.3, "  IF (DI[7]=ON) THEN", lines, "  ENDIF", "")
 
     def select(self, scope: _Scope) -> list[str]:
         pen = self.pen
@@ -274,15 +269,8 @@ class Writer:
         ]
 
     def unknown(self) -> list[str]:
-        return [
-            self.pen.pick(
-                [
-                    f"  CALL {self.pen.name(upper=True)}    ",
-                    "  CALL VISION_FIND(1)",
-                    f"  RUN {self.pen.name(upper=True)}",
-                ]
-            )
-        ]
+        pen = self.pen
+        return [pen.pick([f"  CALL {pen.name()}    ", "  CALL VISION_FIND(1)", f"  RUN {pen.name()}"])]
 
     def jump(self, scope: _Scope) -> list[str]:
         if scope.depth or not self.others:

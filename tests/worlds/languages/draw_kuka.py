@@ -47,7 +47,6 @@ class Writer:
     def draft(self) -> Draft:
         pen = self.pen
         scope = _Scope(self.tools[1], self.bases[1])
-        pen.taken("pick")
         if pen.plain:
             for name, on in (("grip_open", "FALSE"), ("GripClose", "TRUE")):
                 self._put(name, [f"$OUT[3]={on}", "WAIT SEC 0.3"], "still")
@@ -72,8 +71,7 @@ class Writer:
         for text in elsewhere:
             name = text.split()[1].split("(")[0]
             files[f"{name}.src"] = pen.coded(head + text + "\n", crlf=True)
-        tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.85)}
-        bases = {str(k): T for k, T in self.bases.items() if pen.plain or pen.maybe(0.85)}
+        tools, bases = pen.stated(self.tools, 0.85), pen.stated(self.bases, 0.85)
         return Draft("kuka", files, "pick.src", ("pick.src",), tools, bases, pen.plain)
 
     def _text(self, name: str, lines: list[str], kind: str, arguments: str = "") -> str:
@@ -151,8 +149,7 @@ class Writer:
         if self.inline and scope.depth == 0 and pen.maybe(0.7):
             return self.form(scope, text)
         if pen.maybe(0.4):
-            name = self.point(text, scope)
-            return [f"{kind} {name}{end}"]
+            return [f"{kind} {self.point(text, scope)}{end}"]
         typed = pen.pick(["", "", "E6POS: " if self.extra else "POS: "])
         return [f"{kind} {{{typed}{text}}}{end}"]
 
@@ -268,7 +265,7 @@ class Writer:
                 scope.tool = made
             else:
                 scope.base = made
-        return ["IF $IN[7] THEN", *("  " + one for one in lines), "ENDIF"] if pen.maybe(0.3) else lines
+        return pen.inside(0.3, "IF $IN[7] THEN", lines, "ENDIF")
 
     def returned(self, scope: _Scope) -> list[str]:
         """Return calls with output parameters."""
@@ -284,8 +281,7 @@ class Writer:
             self._put("measure", [f"f={{{aggregate(pen.user_frame())}}}"], "still", "DEF", "f:OUT")
         if scope.points and pen.maybe(0.2):
             lines = [f'RET=EKI_GETREAL("V","S/Z",{pen.pick(scope.points)}.Z)']
-        lines = ["IF $IN[7] THEN", *("  " + one for one in lines), "ENDIF"] if pen.maybe(0.2) else lines
-        return [*lines, *self.move(scope)]
+        return [*pen.inside(0.2, "IF $IN[7] THEN", lines, "ENDIF"), *self.move(scope)]
 
     def track(self, scope: _Scope) -> list[str]:
         """A move of the track that carries the arm, and poses with or without its position."""
@@ -297,7 +293,7 @@ class Writer:
                 f"PTP {{{self._axes(pen.near())},E1 0.0}}",
             ]
         )
-        lines = ["IF $IN[6] THEN", "  " + there, "ENDIF"] if pen.maybe(0.2) else [there]
+        lines = pen.inside(0.2, "IF $IN[6] THEN", [there], "ENDIF")
         return [*lines, *self.move(scope), *(self.joint(pen.near()) if pen.maybe(0.3) else []), *self.move(scope)]
 
     def computed(self, scope: _Scope) -> list[str]:
@@ -306,7 +302,7 @@ class Writer:
         x, y, z = pen.small()
         move = pen.pick(
             [f"LIN_REL {{Z {z:.1f}}}", f"PTP_REL {{A1 {z / 10:.1f}}}", f"LIN {name}:{{X {x:.1f},Y {y:.1f},Z {z:.1f},A 0,B 0,C 0}}",
-             f"LIN_REL {{X {x:.1f},Z {z:.1f}}} #TOOL", f"LIN {{Z {self.pen.rng.uniform(300, 500):.1f}}}", f"LIN {{FRAME: X {x:.1f}}}:{name}"]
+             f"LIN_REL {{X {x:.1f},Z {z:.1f}}} #TOOL", f"LIN {{Z {pen.rng.uniform(300, 500):.1f}}}", f"LIN {{FRAME: X {x:.1f}}}:{name}"]
         )  # fmt: skip
         return [move, *self.move(scope)]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.worlds.languages.arms import Array
+from tests.worlds.languages.arms import Array, frame, placed
 from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
 
 
@@ -46,10 +46,11 @@ class Writer:
         scope = _Scope(tool)
         body = self._opening(scope)
         if pen.plain:
-            self._plain_routines()
-        else:
-            for _ in range(pen.whole(0, 3)):
-                self._routine(scope)
+            for name, on in (("gripper_open", False), ("gripper_close", True)):
+                self.routines.append((name, "still"))
+                self.texts.append(f"def {name}():\n  set_tool_digital_out(0, {on})\n  sleep(0.5)\nend")
+        for _ in range(0 if pen.plain else pen.whole(0, 3)):
+            self._routine(scope)
         for _ in range(pen.whole(4, 9)):
             body += self.line(scope)
         stated = {}
@@ -81,12 +82,6 @@ class Writer:
         elif pen.plain and pen.maybe(0.3):
             begin = []
         return [*begin, "set_payload(1.5, [0, 0, 0.05])", f"movej([{_numbers(pen.near())}], a=1.4, v=1.05)"]
-
-    def _plain_routines(self) -> None:
-        for name in ("gripper_open", "gripper_close"):
-            on = str(name.endswith("close"))
-            self.routines.append((name, "still"))
-            self.texts.append(f"def {name}():\n  set_tool_digital_out(0, {on})\n  sleep(0.5)\nend")
 
     def _routine(self, scope: _Scope) -> None:
         pen = self.pen
@@ -211,11 +206,10 @@ class Writer:
         ends = []
         for degrees in (25, 50):
             turn = Rotation.from_rotvec(np.radians(degrees) * begin[:3, 2])
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = turn.as_matrix() @ begin[:3, :3], centre + turn.apply(begin[:3, 3] - centre)
+            R = turn.as_matrix() @ begin[:3, :3]
             if pen.maybe(0.4):
-                T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(pen.rng.uniform(-0.3, 0.3, 3)).as_matrix()
-            ends.append(pose(T))
+                R = R @ Rotation.from_rotvec(pen.rng.uniform(-0.3, 0.3, 3)).as_matrix()
+            ends.append(pose(placed(centre + turn.apply(begin[:3, 3] - centre), R)))
         mode = pen.pick(["mode=1", "r=0, mode=1", "mode=0"])
         before = [f"movej([{_numbers(q)}], a=1.4, v=1.05)"] if pen.maybe(0.8) else []
         after = self.move(scope) if pen.maybe(0.5) else []
@@ -260,13 +254,11 @@ class Writer:
         name, kind = pen.pick(self.routines)
         if kind == "point":
             given = pen.pick(scope.points) if scope.points and pen.maybe(0.5) else self._target(scope)
-            return [f"{name}({given}{', 0.2' if 'goal, speed' in self._text_of(name) else ''})"]
+            has_speed = any(text.startswith(f"def {name}(goal, speed)") for text in self.texts)
+            return [f"{name}({given}{', 0.2' if has_speed else ''})"]
         if kind == "value":
             return pen.pick([[f"ok = {name}()"], [f"if {name}():", "  sleep(0.1)", "end"], [f"{name}()"]])
         return [f"{name}()"]
-
-    def _text_of(self, name: str) -> str:
-        return next((text for text in self.texts if text.startswith(f"def {name}(")), "")
 
     def approach(self, scope: _Scope) -> list[str]:
         """Return moves above a point, given as an offset in the tool or in the base, and mostly to the point."""
@@ -306,11 +298,10 @@ class Writer:
         pen = self.pen
         self.count += 1
         name, flange = f"plane_{self.count}", pen.flange(pen.near()) @ scope.tool
-        frame = np.eye(4)
-        frame[:3, :3] = Rotation.from_rotvec(pen.rng.uniform(-0.5, 0.5, 3)).as_matrix()
-        frame[:3, 3] = pen.rng.uniform(-300, 300, 3)
-        inside = pose(np.linalg.inv(frame) @ flange)
-        lines = [f"{name} = {pose(frame)}", f"movel(pose_trans({name}, {inside}), a=1.2, v=0.25)"]
+        turn = Rotation.from_rotvec(pen.rng.uniform(-0.5, 0.5, 3))
+        plane = frame(pen.rng.uniform(-300, 300, 3), turn)
+        inside = pose(np.linalg.inv(plane) @ flange)
+        lines = [f"{name} = {pose(plane)}", f"movel(pose_trans({name}, {inside}), a=1.2, v=0.25)"]
         if pen.maybe(0.3):
             lines[1:] = [f"w_{self.count} = {inside}", f"movel(pose_trans({name}, w_{self.count}), a=1.2)"]
         if pen.maybe(0.2):
@@ -353,13 +344,7 @@ class Writer:
             "variable": [f"{name} = {pose(tool)}", f"set_tcp({name})"],
             "part": [f"{name} = {pose(tool)}", f"{name}[2] = {name}[2] + 0.03", f"set_tcp({name})"],
             "if": ["if get_standard_digital_in(2):", f"  set_tcp({pose(tool)})", "end"],
-            "else": [
-                "if get_standard_digital_in(2):",
-                "  sleep(0.1)",
-                "else:",
-                f"  set_tcp({pose(tool)})",
-                "end",
-            ],
+            "else": ["if get_standard_digital_in(2):", "  sleep(0.1)", "else:", f"  set_tcp({pose(tool)})", "end"],
             "computed": [f"set_tcp(pose_trans({pose(tool)}, p[0, 0, 0.02, 0, 0, 0]))"],
         }[how]
 
@@ -416,7 +401,7 @@ class Writer:
 
     def inverse(self, scope: _Scope) -> list[str]:
         pen = self.pen
-        near = f"[{_numbers(pen.near(), 4)}]"
+        near = f", qnear=[{_numbers(pen.near(), 4)}]"
         if pen.maybe(0.3):
-            return [f"movej(get_inverse_kin({self._target(scope)}), a=1.4, v=1.05)"]
-        return [f"movej(get_inverse_kin({self._target(scope)}, qnear={near}), a=1.4, v=1.05)"]
+            near = ""
+        return [f"movej(get_inverse_kin({self._target(scope)}{near}), a=1.4, v=1.05)"]

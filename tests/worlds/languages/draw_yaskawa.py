@@ -44,7 +44,6 @@ class Writer:
 
     def draft(self) -> Draft:
         pen = self.pen
-        pen.taken("PICK")
         if pen.plain:
             for name, on in (("GRIP_OPEN", "OFF"), ("GRIP_CLOSE", "ON")):
                 job = self._job(name)
@@ -65,8 +64,7 @@ class Writer:
                 together.append(text)
         text = "".join([main, *together])
         files = {"PICK.JBI": pen.coded(text, crlf=True), **files}
-        tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.9)}
-        frames = {str(k): T for k, T in self.frames.items() if pen.plain or pen.maybe(0.9)}
+        tools, frames = pen.stated(self.tools, 0.9), pen.stated(self.frames, 0.9)
         return Draft("yaskawa", files, "PICK.JBI", ("PICK.JBI",), tools, frames, pen.plain)
 
     def _job(self, name: str) -> _Job:
@@ -106,14 +104,14 @@ class Writer:
         attr = "SC,RW" if job.kind == "PULSE" else "SC,RW,RJ"
         middle = ["//INST", "///DATE 2023/05/04 10:11", f"///ATTR {attr}"]
         if job.kind != "PULSE":
-            middle.append({"USER": f"///FRAME USER {job.user}"}.get(job.kind, f"///FRAME {job.kind}"))
+            middle.append(f"///FRAME {job.kind}" + (f" {job.user}" if job.kind == "USER" else ""))
         groups = f"{',BS1' if job.outer else ''}{',ST1' if job.station else ''}"
         middle += [f"///GROUP1 {job.robot}{groups}", "NOP"]
         return "\n".join([*head, *middle, *job.lines, "END"]) + "\n"
 
     def _routine(self) -> None:
         pen = self.pen
-        job, what = self._job(pen.name(upper=True)), pen.pick(["moves", "shift", "frame", "mixed", "off"])
+        job, what = self._job(pen.name()), pen.pick(["moves", "shift", "frame", "mixed", "off"])
         if what == "moves":
             job.robot = pen.pick(["RB1", "RB1", "RB2"])
             job.lines = self.move(job, pen.astray(), "MOVJ")
@@ -201,24 +199,16 @@ class Writer:
         pen = self.pen
         name = self._variable(job) if pen.maybe(0.6) else "P050"
         where = pen.pick(["", " BF", " TF", " UF#(1)", " RF"])
-        on = [f"SFTON {name}{where}"]
         off = ["SFTOF"] if pen.maybe(0.7) else []
-        if pen.maybe(0.2):
-            on = ["IFTHENEXP IN#(6)=ON", *on, "ENDIF"]
+        on = pen.inside(0.2, "IFTHENEXP IN#(6)=ON", [f"SFTON {name}{where}"], "ENDIF", "")
         return [*on, *self.move(job, pen.near()), *off, *self.move(job, pen.near())]
 
     def setting(self) -> list[str]:
         """Return lines that change a tool or a user frame in the controller."""
         pen = self.pen
-        line = pen.pick(
-            [
-                "MFRAME UF#(1) C00000 C00001 C00002",
-                "SETTOOL TL#(1) P010",
-                "SETTOOL TL#(0) P010",
-                "MFRAME UF#(2) P001 P002 P003",
-            ]
-        )
-        return ["IFTHENEXP IN#(7)=ON", line, "ENDIF"] if pen.maybe(0.3) else [line]
+        line = pen.pick(["MFRAME UF#(1) C00000 C00001 C00002", "SETTOOL TL#(1) P010", "SETTOOL TL#(0) P010",
+                         "MFRAME UF#(2) P001 P002 P003"])  # fmt: skip
+        return pen.inside(0.3, "IFTHENEXP IN#(7)=ON", [line], "ENDIF", "")
 
     def _place(self, job: _Job) -> str:
         """A position variable that contains a place of the work."""
@@ -232,7 +222,7 @@ class Writer:
         if pen.maybe(0.5):
             name = self._place(job)
             again = pen.pick([[], [], [f"SET P050 {name}"], [f"SETE {name} (3) 20000"], [f"MOVL {name} V=50.0"]])
-            return [f"{pen.pick(['MOVJ', 'MOVL'])} {name} {'V=100.0'}", *again, *self.move(job, pen.near())]
+            return [f"{pen.pick(['MOVJ', 'MOVL'])} {name} V=100.0", *again, *self.move(job, pen.near())]
         name = self._variable(job)
         return [*pen.pick([[], [f"SETE {name} (3) 20000"], [f"ADD {name} P051"], [f"GETS PX{name[1:]} $PX000"]]),
                 pen.pick([f"IMOV {name} V=100.0 BF", f"IMOV {name} V=100.0 TF", f"SFTON {name}", f"MOVL {name} V=100.0"]), *self.move(job, pen.near())]  # fmt: skip
@@ -243,7 +233,7 @@ class Writer:
 
     def external(self, job: _Job) -> list[str]:
         first = self.move(job, self.pen.near(), "MOVL")[0]
-        name, rest = first.split()[1], first.split(" ", 2)[2]
+        _, name, rest = first.split(" ", 2)
         if self.pen.maybe(0.6):
             job.station.append(self.pen.pick([0.0, 359.0]))
             axis = f"EC{len(job.station) - 1:05d}"
@@ -254,12 +244,5 @@ class Writer:
         return [f"MOVL {name} BC{len(job.outer) - 1:05d} {rest}"]
 
     def unknown(self) -> list[str]:
-        return [
-            self.pen.pick(
-                [
-                    f"CALL JOB:{self.pen.name(upper=True)}",
-                    "MACRO1 MJ#(5)",
-                    f"CALL JOB:{self.pen.name(upper=True)} IF B002=1",
-                ]
-            )
-        ]
+        pen = self.pen
+        return [pen.pick([f"CALL JOB:{pen.name()}", "MACRO1 MJ#(5)", f"CALL JOB:{pen.name()} IF B002=1"])]

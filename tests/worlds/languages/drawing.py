@@ -80,29 +80,29 @@ class Pen:
     def user_frame(self) -> Array:
         """A work frame (4, 4)."""
         place = self.rng.uniform((-300, -300, -100), (300, 300, 150)).round(1)
-        return frame(
-            place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True)
-        )
+        return frame(place, Rotation.from_euler("z", round(float(self.rng.uniform(-60, 60)), 1), degrees=True))
 
     def small(self) -> Array:
         """A shift (3,) mm between stations."""
         return self.rng.uniform(-40, 40, 3).round(1)
 
-    def name(self, join: str = "_", *, upper: bool = False, title: bool = False) -> str:
-        """A new routine name that resembles a built-in name."""
+    def name(self) -> str:
+        """A new routine name that resembles a built-in name, in the style of the dialect."""
         while True:
-            words = [self.pick(PREFIXES), self.pick(NOUNS)]
-            text = join.join(words)
-            if title:
-                text = "".join(word.title() for word in words).replace("_", "")
-            text = text.upper() if upper else text
-            if text.lower() not in self._names:
-                self._names.add(text.lower())
-                return text
+            name = f"{self.pick(PREFIXES)}_{self.pick(NOUNS)}"
+            if name not in self._names:
+                self._names.add(name)
+                if self.dialect == "abb":
+                    return name.title().replace("_", "")
+                return name.upper() if self.dialect in ("fanuc", "yaskawa") else name
 
-    def taken(self, *names: str) -> None:
-        """Reserve names."""
-        self._names.update(name.lower() for name in names)
+    def stated(self, frames: dict[int, Array], share: float) -> dict[str, Array]:
+        """Numbered tools or frames that the user states: all for a plain program, else each with this probability."""
+        return {str(k): T for k, T in frames.items() if self.plain or self.maybe(share)}
+
+    def inside(self, share: float, head: str, lines: list[str], end: str, indent: str = "  ") -> list[str]:
+        """The lines, with this probability inside a condition."""
+        return [head, *(indent + one for one in lines), end] if self.maybe(share) else lines
 
     def coded(self, text: str, *, crlf: bool = False) -> bytes:
         """Encode text: with the line ends of a plain program, or with random line ends."""

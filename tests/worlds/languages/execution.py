@@ -67,6 +67,15 @@ class LineBlocks:
         self._at += 1
         return nodes, first_word(self._lines[self._at - 1].text)
 
+    def _bodies(self, between: Sequence[str], *ends: str) -> tuple[list[list[Any]], list[str]]:
+        """Blocks up to a line that begins with one of the ends, and the word that ends each."""
+        bodies, words = [], [""]
+        while words[-1] not in ends:
+            body, word = self._body(*between, *ends)
+            bodies.append(body)
+            words.append(word)
+        return bodies, words
+
 
 class Ended(Exception):
     """The controller stops: the program has ended or is refused from here on."""
@@ -225,7 +234,10 @@ class Robot:
 
         On a straight line the arm keeps its posture. meant (4, 4): flange that the text means, by default F.
         """
-        q = self._line(F) if straight and chosen is None else self.solve(F, self.q, chosen)
+        if straight and chosen is None:
+            q = self._once((self._cell, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
+        else:
+            q = self.solve(F, self.q, chosen)
         if q is None:
             raise Ended
         self.q = q
@@ -255,12 +267,8 @@ class Robot:
 
     def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
         q = solved(self.here, F, near)
-        if (
-            q is not None
-            and self.here.allows(q)
-            and np.abs(q - near).max() < _NEAR_RAD
-            and (chosen is None or chosen(q))
-        ):
+        chosen = chosen or self.here.allows
+        if q is not None and self.here.allows(q) and np.abs(q - near).max() < _NEAR_RAD and chosen(q):
             return q
         ways = [] if q is None else [q]
         others = self._once(
@@ -270,12 +278,8 @@ class Robot:
             if other is not None:
                 ways.append(near + (other - near + np.pi) % (2 * np.pi) - np.pi)
                 ways.append(other)
-        ways = [way for way in ways if self.here.allows(way) and (chosen is None or chosen(way))]
+        ways = [way for way in ways if self.here.allows(way) and chosen(way)]
         return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
-
-    def _line(self, F: Array) -> Array | None:
-        """Cached result of `_along` for a line."""
-        return self._once((self._cell, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
 
     def _along(self, F: Array) -> Array | None:
         """Return joint angles (6,) rad at the end of a line, followed from the current angles."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,10 @@ class Position:
     others: float
     """Sum of the positions of the other groups."""
     src: frozenset[Place]
+
+    @property
+    def frame(self) -> Array:
+        return np.eye(4) if self.X is None else self.X
 
 
 @dataclass
@@ -184,7 +188,7 @@ class Machine(JobMachine):
         return super().frame(kind, number) if number else np.eye(4)
 
     def _register(self, number: int) -> Array:
-        return self.registers[number] if number in self.registers else self.world.shift(f"PR[{number}]")
+        return self.registers.get(number, self.world.shift(f"PR[{number}]"))
 
     def instruction(self, text: str, place: Place) -> None:
         upper = text.upper()
@@ -199,41 +203,35 @@ class Machine(JobMachine):
             else:
                 self.ut = number
         elif found := re.match(r"U(FRAME|TOOL)\[(\d+)[^\]]*\] *= *(.*)", upper):
-            self.frames[("frame" if found[1] == "FRAME" else "tool"), int(found[2])] = self._value(found[3])
+            self.frames[("frame" if found[1] == "FRAME" else "tool"), int(found[2])] = self._value(found[3].strip())
         elif found := re.match(r"(OFFSET|TOOL_OFFSET) CONDITION +PR\[(\d+)", upper):
             self.conditions[found[1]] = self._register(int(found[2]))
         elif found := re.match(r"PR\[(\d+)(?::[^\],]*)?(?:, *(\d))?[^\]]*\] *= *(.*)", upper):
-            self._set_register(int(found[1]), found[2], found[3])
+            number = int(found[1])
+            self.registers[number] = self._assigned(self._register(number), found[2], found[3])
         elif found := re.match(r"P\[(\d+)[^\]]*?(?:, *(\d))?\] *= *(.*)", upper):
             self._teach(int(found[1]), found[2], found[3], place)
         elif not _STILL.match(upper):
             self.unknown(upper)
 
-    def _set_register(self, number: int, component: str | None, text: str) -> None:
+    def _assigned(self, T: Array, component: str | None, text: str) -> Array:
+        """Value (4, 4) of a text, or a frame T (4, 4) of which the text is one component."""
         if component is None:
-            self.registers[number] = self._value(text)
-            return
-        T = self._register(number).copy()
-        self.registers[number] = self._with(T, int(component), text)
-
-    def _with(self, T: Array, component: int, text: str) -> Array:
+            return self._value(text.strip())
         found = re.fullmatch(rf"\(?({_NUMBER})\)?", text.strip())
-        value = float(found[1]) if found else self.world.number(text)
         numbers = list(angles_of(T))
-        numbers[component - 1] = value
+        numbers[int(component) - 1] = float(found[1]) if found else self.world.number(text)
         return of_angles(*numbers)
 
     def _value(self, text: str) -> Array:
-        if found := re.fullmatch(r"PR\[(\d+)[^\]]*\]", text.strip()):
-            return self._register(int(found[1]))
-        if found := re.fullmatch(r"P\[(\d+)[^\]]*\]", text.strip()):
-            position = self._taught(int(found[1]))
-            return np.eye(4) if position.X is None else position.X
-        if re.fullmatch(r"LPOS *- *LPOS", text.strip()):
+        if found := re.fullmatch(r"(PR?)\[(\d+)[^\]]*\]", text):
+            number = int(found[2])
+            return self._register(number) if found[1] == "PR" else self._taught(number).frame
+        if re.fullmatch(r"LPOS *- *LPOS", text):
             return np.eye(4)
-        if text.strip() == "LPOS":
+        if text == "LPOS":
             tool, user = self.frame("tool", self.ut or 0), self.frame("frame", self.uf or 0)
-            return np.asarray(inverted(user) @ self.robot.pose_now(tool))
+            return inverted(user) @ self.robot.pose_now(tool)
         return self.world.shift(text)
 
     def _taught(self, number: int) -> Position:
@@ -244,13 +242,8 @@ class Machine(JobMachine):
 
     def _teach(self, number: int, component: str | None, text: str, place: Place) -> None:
         old = self._taught(number)
-        X = (
-            self._with(old.X if old.X is not None else np.eye(4), int(component), text)
-            if component
-            else self._value(text)
-        )
-        taught = Position(old.uf, old.ut, None, X, old.config, None, old.others, old.src | {place})
-        self.taught[self.running[-1], number] = taught
+        X = self._assigned(old.frame, component, text)
+        self.taught[self.running[-1], number] = replace(old, q=None, X=X, rail=None, src=old.src | {place})
 
     def _move(self, text: str, place: Place) -> None:
         for kind, number in re.findall(
@@ -309,11 +302,9 @@ class Machine(JobMachine):
                 offsets.append(None)
         return relative, offsets[0], offsets[1]
 
-    def unknown(self, name: str) -> None:
-        if self.robot.ways.choose(2):
-            self.robot.go_astray(name)
-            self.shift_frames(name, (1, 2, 3))
-            self.conditions["OFFSET"] = self.world.shift(name)
+    def changed_by(self, name: str) -> None:
+        self.shift_frames(name, (1, 2, 3))
+        self.conditions["OFFSET"] = self.world.shift(name)
 
 
 @dataclass(frozen=True)

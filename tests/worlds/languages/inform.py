@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -91,11 +91,7 @@ class Program(LineBlocks):
         if found := re.match(r"JUMP \*(\S+)( IF .*)?$", text):
             return [Goto(place, (found[1],), perhaps=bool(found[2]))]
         if text.startswith(("IFTHEN", "SWITCH")):
-            bodies, closings = [], [""]
-            while closings[-1] not in ("ENDIF", "ENDSWITCH"):
-                body, closing = self._body("ELSE", "ENDIF", "CASE", "DEFAULT", "ENDSWITCH")
-                bodies.append(body)
-                closings.append(closing)
+            bodies, closings = self._bodies(("ELSE", "CASE", "DEFAULT"), "ENDIF", "ENDSWITCH")
             bodies = bodies[text.startswith("SWITCH") :]  # nothing stands before the first case
             return [Branch(place, bodies, bool({"ELSE", "DEFAULT"} & set(closings)))]
         if text.startswith("WHILE"):
@@ -156,8 +152,7 @@ class Machine(JobMachine):
         elif found := re.match(r"(?:CALL|PSTART) JOB:(\S+)", text):
             self.call(found[1])
         elif found := re.match(r"SFTON (?:P)0*(\d+)(?: (BF|RF|TF|UF#\((\d+)\)))?", text):
-            where = found[2] or "BF"
-            self.shift = (where, self._as_shift(f"P{int(found[1])}"))
+            self.shift = (found[2] or "BF", self._as_shift(f"P{int(found[1])}"))
         elif text.startswith("SFTOF"):
             self.shift = None
         elif found := re.match(r"(?:MFRAME|SETUF) UF#\((\d+)\)|SETTOOL TL#\((\d+)\)", text):
@@ -181,20 +176,17 @@ class Machine(JobMachine):
             self.variables[key] = self._variable(f"P{int(one[1])}")
             return
         else:
-            T = self.world.shift(text)
-            numbers = list(angles_of(T))
+            numbers = list(angles_of(self.world.shift(text)))
         base = old or Position(0, "BASE", 0, (), (), frozenset())
-        self.variables[key] = Position(base.tool, base.kind, base.user, tuple(numbers), base.rconf, base.src | {place})
+        self.variables[key] = replace(base, numbers=tuple(numbers), src=base.src | {place})
 
     def _variable(self, key: str) -> Position:
         if key in self.variables:
             return self.variables[key]
-        T = self.world.shift(key)
-        return Position(0, "OUTSIDE", 0, angles_of(T), (), frozenset())
+        return Position(0, "OUTSIDE", 0, angles_of(self.world.shift(key)), (), frozenset())
 
     def _as_shift(self, key: str) -> Array:
-        numbers = self._variable(key).numbers
-        return of_angles(*numbers[:6])
+        return of_angles(*self._variable(key).numbers[:6])
 
     def _relative(self, key: str, rest: str, place: Place) -> None:
         step, tool = self._as_shift(key), self.frame("tool", 0)
@@ -211,9 +203,9 @@ class Machine(JobMachine):
         key = f"{found[1]}{int(found[2])}"
         positions = self.program.routines[self.running[-1]].positions
         position = positions.get(key) if found[1] == "C" else self._variable(key)
-        if position is None or position.kind == "OUTSIDE":
-            if position is None:
-                raise Ended
+        if position is None:
+            raise Ended
+        if position.kind == "OUTSIDE":
             self.robot.q = self.robot.here.centre.copy()
             return
         if outer := re.search(r"\bBC0*(\d+)", rest):
@@ -229,8 +221,7 @@ class Machine(JobMachine):
             F = self.robot.flange(q)
         else:
             user = self.frame("frame", position.user) if position.kind == "USER" else np.eye(4)
-            X = of_angles(*position.numbers[:6])
-            F = user @ X @ inverted(tool)
+            F = user @ of_angles(*position.numbers[:6]) @ inverted(tool)
         F = self._shifted(F, tool)
         if self.tracking or text.startswith("SY"):
             F = self.world.shift("conveyor") @ F
@@ -253,11 +244,9 @@ class Machine(JobMachine):
             T = U @ placed(X[:3, 3] + step[:3, 3], step[:3, :3] @ X[:3, :3])
         return T @ inverted(tool)
 
-    def unknown(self, name: str) -> None:
-        if self.robot.ways.choose(2):
-            self.robot.go_astray(name)
-            self.shift = ("BF", self.world.shift(name))
-            self.shift_frames(name, (0, 1, 2))
+    def changed_by(self, name: str) -> None:
+        self.shift = ("BF", self.world.shift(name))
+        self.shift_frames(name, (0, 1, 2))
 
 
 @dataclass(frozen=True)

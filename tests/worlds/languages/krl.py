@@ -268,7 +268,7 @@ class Machine(ValueMachine):
         if tree[0] == "call":
             self.evaluate(tree, line)
         elif word not in _STILL:
-            self._unknown(word)
+            self.unknown(word)
 
     def _interrupt(self, text: str) -> None:
         if found := re.match(r"(?i)(?:GLOBAL\s+)?INTERRUPT\s+(?:GLOBAL\s+)?DECL\s+(\d+)\s+WHEN.*\bDO\s+(.*)", text):
@@ -388,7 +388,7 @@ class Machine(ValueMachine):
             case "IR_STOPM":  # KUKA's routine for stop messages, which does not move
                 return True, src
             case _ if name not in _STILL and not name.startswith(("MSG", "EKI_", "VAR", "STR", "CAST_")):
-                self._unknown(name)
+                self.unknown(name)
         return self.world.number(name), src
 
     def _give_back(self, name: str, arguments: list[Tree], line: Line) -> None:
@@ -454,14 +454,12 @@ class Machine(ValueMachine):
         chosen = Status(_bits(value["S"]), _bits(value.get("T"))) if "PTP" in word and "S" in value else None
         self.robot.pose(F, point, line.place, src, chosen, straight="PTP" not in word)
 
-    def _unknown(self, name: str) -> None:
-        if self.robot.ways.choose(2):
-            self.robot.go_astray(name)
-            if self.program.has_rail:
-                self.robot.rail_mm = self.world.number(name + "rail", 20, 90)
-            for setting in ("$TOOL", "$BASE"):
-                value, src = self.read(setting)
-                self.scopes[0][setting] = (as_frame(as_matrix(value) @ self.world.shift(name + setting)), src)
+    def changed_by(self, name: str) -> None:
+        if self.program.has_rail:
+            self.robot.rail_mm = self.world.number(name + "rail", 20, 90)
+        for setting in ("$TOOL", "$BASE"):
+            value, src = self.read(setting)
+            self.scopes[0][setting] = (as_frame(as_matrix(value) @ self.world.shift(name + setting)), src)
 
 
 def _bits(value: Any) -> int | None:

@@ -22,6 +22,16 @@ class Machine:
         self.program, self.world = program, world
         self.robot = Robot(self.dialect, cell(self.dialect), world, ways)
 
+    def unknown(self, name: str) -> None:
+        """Execute a routine without text: it does nothing, or changes the position and what later moves depend on."""
+        if self.robot.ways.choose(2):
+            self.robot.go_astray(name)
+            self.changed_by(name)
+
+    def changed_by(self, name: str) -> None:
+        """Change what later moves depend on, as a routine without text may."""
+        raise NotImplementedError
+
 
 class ValueMachine(Machine):
     """A controller of a language with variables in scopes; the first scope is global."""
@@ -107,10 +117,6 @@ class JobMachine(Machine):
         for kind in ("tool", "frame"):
             for number in numbers:
                 self.frames[kind, number] = self.frame(kind, number) @ self.world.shift(f"{name}{kind}{number}")
-
-    def unknown(self, name: str) -> None:
-        """Execute a job without text: it does nothing, or changes what later moves depend on."""
-        raise NotImplementedError
 
 
 def elbow_up_and_front(dialect: str, q: Array) -> tuple[bool, bool]:

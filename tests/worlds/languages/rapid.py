@@ -231,7 +231,7 @@ class Machine(ValueMachine):
             if name == "EXIT":
                 raise Ended
         else:
-            self._unknown(name)
+            self.unknown(name)
 
     def _interrupts(self, name: str, arguments: list[tuple[str, Tree]]) -> None:
         if name != "CONNECT":
@@ -294,11 +294,9 @@ class Machine(ValueMachine):
         if axes and abs(axes[0]) < 9e8:
             self.robot.rail_mm = float(axes[0])
 
-    def _unknown(self, name: str) -> None:
-        if self.robot.ways.choose(2):
-            self.robot.go_astray(name)
-            self.displaced = self.displaced @ self.world.shift(name)
-            self.conf["CONFL"] = False
+    def changed_by(self, name: str) -> None:
+        self.displaced = self.displaced @ self.world.shift(name)
+        self.conf["CONFL"] = False
 
 
 @dataclass(frozen=True)

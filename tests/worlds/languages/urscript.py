@@ -130,11 +130,7 @@ class Program(LineBlocks):
                     self.routines.pop(head[1])
                 return []
             case "if":
-                bodies, closings = [], [""]
-                while closings[-1] != "END":
-                    body, closing = self._body("ELIF", "ELSE", "ELSEIF", "END")
-                    bodies.append(body)
-                    closings.append(closing)
+                bodies, closings = self._bodies(("ELIF", "ELSE", "ELSEIF"), "END")
                 return [Branch(place, bodies, "ELSE" in closings, self._condition(line, "if"))]
             case "while":
                 endless = bool(re.match(r"while\s*\(?\s*True", line.text))
@@ -299,7 +295,7 @@ class Machine(ValueMachine):
             case _ if _STILL.fullmatch(name):
                 return self.world.number(name), src
             case _:
-                self._unknown(name)
+                self.unknown(name)
                 return self.world.number(name), src
         return None, src
 
@@ -338,11 +334,8 @@ class Machine(ValueMachine):
                 meant = self.robot.flange(q) if isinstance(value, Solved) else None
                 self.robot.joints(q, self.tool, line.places[0], sources, meant)
 
-    def _unknown(self, name: str) -> None:
-        """Execute a routine without text: it does nothing, or changes position and tool."""
-        if self.robot.ways.choose(2):
-            self.robot.go_astray(name)
-            self.tool = self.tool @ self.world.shift(name)
+    def changed_by(self, name: str) -> None:
+        self.tool = self.tool @ self.world.shift(name)
 
 
 def turned_on_arc(begin: Array, poses: list[Array], tool: Array) -> list[Array]:
