@@ -66,13 +66,17 @@ class Series:
     rp_mm: float | None
 
 
+def divided(count: int, rng: np.random.Generator) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Possible readings and targets, drawn from so many poses."""
+    read, rest = np.split(rng.permutation(count), [min(POSSIBLE, 2 * count // 3)])
+    return read, rest[:LEFT_OUT]
+
+
 def poses(name: str, data: Path, rng: np.random.Generator) -> Series:
     (q, xyz_mm), text = measured_pool(data, name), rig_text(name)
     nominal = parse(text, "cell.yaml")
     tool_mm = fit_setup(forward(arm_of(nominal.robot), q), xyz_mm).T_flange_tool[:3, 3]
-    order = rng.permutation(len(q))
-    possible = min(POSSIBLE, 2 * len(q) // 3)
-    read, out = order[:possible], order[possible : possible + LEFT_OUT]
+    read, out = divided(len(q), rng)
 
     def of_readings(chosen: NDArray[np.intp]) -> Rig:
         rows = np.sort(read[chosen])
@@ -99,9 +103,7 @@ def touches(name: str, data: Path, rng: np.random.Generator) -> Series:
         f"tests: {{touch: {{sockets: [{names}], ball_mm: [0, 0, 0]}}}}\n"
     )
     nominal = parse(text, "cell.yaml")
-    order = rng.permutation(len(q))
-    possible = min(POSSIBLE, 2 * len(q) // 3)
-    read, out = order[:possible], order[possible : possible + LEFT_OUT]
+    read, out = divided(len(q), rng)
 
     def of_readings(chosen: NDArray[np.intp]) -> Rig:
         rows = np.sort(read[chosen])
@@ -239,10 +241,7 @@ TRIAL = Trial(
     draw,
     judge,
     report,
-    lambda one: (
-        f"{one['series']}: "
-        + ", ".join(f"{label} {one[label]['mm']:.3f}" for label in one if isinstance(one[label], dict))
-    ),
+    lambda one: f"{one['series']}: " + ", ".join(f"{label} {one[label]['mm']:.3f}" for label in _labels(one)),
     count=4,
     options={
         "DATA": (Path, "directory with ipa-ur10, jacobi and mukca"),

@@ -104,11 +104,11 @@ def tracked(
     return draw
 
 
-def touched(*faults: Fault, touches: int, arm: str = "ur10e") -> Callable[[np.random.Generator], Drawn]:
+def touched(*faults: Fault, touches: int) -> Callable[[np.random.Generator], Drawn]:
     """Touches of two sockets by hand."""
 
     def draw(rng: np.random.Generator) -> Drawn:
-        rig = rig_of(arm)
+        rig = rig_of("ur10e")
         truth = draw_truth(rig.robot, rng, faults)
         return Drawn(rig, [run_of(rig, touch_table(rig.robot, truth, rng, BALL_MM, 2, touches), "touches")], [])
 

@@ -14,6 +14,7 @@ import warnings
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ from tests.trials.ground.plain_arm import (
     read_arm,
     read_columns,
     read_poses,
-    write_rows,
+    write_answer,
 )
 
 FITTED_BY_GP = 400
@@ -48,12 +49,8 @@ STEP = 1e-4
 """Of numerical derivatives, in mm and mrad."""
 
 
-@dataclass(frozen=True)
-class Answer:
-    """Places (m, 3) mm and u (m,) mm, nan where a program states none."""
-
-    places: Array
-    u: Array
+Answer = tuple[Array, Array]
+"""Places (m, 3) mm and u (m,) mm, nan where a program states none."""
 
 
 @dataclass(frozen=True)
@@ -119,16 +116,10 @@ def fitted(arm: PlainArm, given: Poses, *, gravity: bool = False) -> Fitted:
     return Fitted(arm, gravity, placements, found.x, covariance, variance)
 
 
-def by_least_squares(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
-    """Answer by the constants alone."""
-    found = fitted(arm, given)
-    return Answer(found.places(asked), found.u(asked))
-
-
-def by_constants_and_gravity(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
-    """Answer by the constants and a compliance of each axis under the torque of the links."""
-    found = fitted(arm, given, gravity=True)
-    return Answer(found.places(asked), found.u(asked))
+def by_constants(arm: PlainArm, given: Poses, asked: Poses, *, gravity: bool = False) -> Answer:
+    """Answer by the constants, and by a compliance of each axis under the torque of the links."""
+    found = fitted(arm, given, gravity=gravity)
+    return found.places(asked), found.u(asked)
 
 
 def by_gaussian_process(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
@@ -143,7 +134,7 @@ def by_gaussian_process(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
     process = GaussianProcessRegressor(tuned.kernel_, optimizer=None).fit(x, left / size)
     mean, sd = process.predict(there, return_std=True)
     more = np.einsum("mij,mj->mi", found.turns(asked), size * mean)
-    return Answer(found.places(asked) + more, np.sqrt((size**2 * sd**2).sum(axis=1)))
+    return found.places(asked) + more, np.sqrt((size**2 * sd**2).sum(axis=1))
 
 
 def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
@@ -179,23 +170,15 @@ def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
     for placement in np.unique(asked.placement[asked.placement != names[counts.argmax()]]):
         new, there = given.of(given.placement == placement), asked.placement == placement
         said[there] = framed_at(*flange(new.q), new.xyz_mm).seen(*flange(asked.q[there]))
-    return Answer(said, np.full(len(said), np.nan))
+    return said, np.full(len(said), np.nan)
 
 
 ENTRIES: dict[str, Callable[[PlainArm, Poses, Poses], Answer]] = {
-    "least-squares": by_least_squares,
-    "with-gravity": by_constants_and_gravity,
+    "least-squares": by_constants,
+    "with-gravity": partial(by_constants, gravity=True),
     "gaussian-process": by_gaussian_process,
     "pybotics": by_pybotics,
 }
-
-
-def write_answer(path: Path, answer: Answer) -> None:
-    rows = [
-        [str(k), *(f"{value:.5f}" for value in place), "" if np.isnan(u) else f"{u:.5f}"]
-        for k, (place, u) in enumerate(zip(answer.places, answer.u, strict=True), start=1)
-    ]
-    write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
 
 
 def draw(given: Namespace) -> Iterator[tuple[str, Path, Path]]:
@@ -209,7 +192,7 @@ def answered(case: tuple[str, Path, Path]) -> str:
     warnings.simplefilter("ignore", ConvergenceWarning)  # lengths at a bound: the joint does not matter
     begin = time.process_time()
     poses = (read_poses(here / f"{one}.csv") for one in ("train", "test"))
-    write_answer(path, ENTRIES[entry](read_arm(here / "arm.csv"), *poses))
+    write_answer(path, *ENTRIES[entry](read_arm(here / "arm.csv"), *poses))
     return f"{entry}: {here.name}, {time.process_time() - begin:.1f} s"
 
 

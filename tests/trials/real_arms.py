@@ -10,11 +10,10 @@ import json
 import sys
 import tempfile
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,10 +39,6 @@ def draw(given: Namespace) -> Iterator[tuple[Arm, Path]]:
     yield from ((arm, given.data) for arm in arms() if arm.name.startswith(given.only))
 
 
-def report(rows: Sequence[list[str]]) -> str:
-    return markdown(_HEAD, rows)
-
-
 def arms() -> Iterator[Arm]:
     """Yield every arm with what judges it."""
     for series in ("b", "d"):
@@ -64,19 +59,11 @@ def row_of(case: tuple[Arm, Path]) -> list[str]:
         words = ("diagnose", *used, arm.by, f"runs/{arm.judge}", "-o", "found")
         said = _rig(directory, *words).splitlines()
         found = json.loads((directory / "found" / "diagnosis.json").read_text())
-        for line in _rig(directory, "correct", *_models(directory), "-o", "out", fails=True).splitlines()[:3]:
+        models = [f"found/{path.name}" for path in sorted((directory / "found").glob("*.yaml"))]
+        for line in _rig(directory, "correct", *models[:1], "-o", "out", fails=True).splitlines()[:3]:
             print(f"  rig correct: {line}", flush=True)
-    return _row(arm, said, found)
-
-
-def _models(directory: Path) -> list[str]:
-    return [f"found/{path.name}" for path in sorted((directory / "found").glob("*.yaml"))][:1]
-
-
-def _row(arm: Arm, said: list[str], found: dict[str, Any]) -> list[str]:
     first = " ".join(" ".join(said[:3]).split())
-    judged = found["accuracy"]
-    acts = found["acts"]
+    judged, acts = found["accuracy"], found["acts"]
     act = f"{acts[0]['kind']} ({acts[0]['why']}) {acts[0]['effect'] or ''}".strip() if acts else "–"
     gap = " → ".join(f"{judged[key] / 1e3:.3f}" for key in ("before_there_um", "calibrated_um"))
     return [arm.name, arm.judge, first, act, gap]
@@ -133,7 +120,7 @@ def _touched(arm: str, to: Path, data: Path) -> None:
 TRIAL = Trial(
     draw,
     row_of,
-    report,
+    lambda rows: markdown(_HEAD, rows),
     options={
         "DATA": (Path, "directory with ipa-ur10, jacobi and mukca"),
         "only": ("", "arms whose name begins so (all)"),

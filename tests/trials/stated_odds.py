@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
 from tests.support.rates import wilson
 from tests.support.trial import Trial, main, markdown
@@ -32,8 +33,8 @@ from tests.worlds.unknown.faults import draw_faulty
 EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 """Limits of the classes of stated probabilities."""
 READINGS = {"circle": "circles", "pose": "poses", "touch": "touches"}
-_STEPS, _RIDGE = 50, 1e-3
-"""Steps of Newton's method, and a precision of both parameters that keeps them finite if the classes separate."""
+_RIDGE = 1e-3
+"""Precision of both parameters that keeps them finite if the classes separate."""
 
 
 @dataclass(frozen=True)
@@ -185,12 +186,12 @@ def fitted_calibration(names: Sequence[Stated]) -> tuple[float, float]:
     used = [(one.log_odds, one.is_right) for one in names if one.log_odds is not None]
     A = np.array([[1.0, log_odds] for log_odds, _ in used])
     is_right = np.array([right for _, right in used], dtype=float)
-    found: Array = np.zeros(2)
-    for _ in range(_STEPS):
-        p = 1 / (1 + np.exp(-(A @ found)))
-        curvature = A.T @ (A * (p * (1 - p))[:, None]) + _RIDGE * np.eye(2)
-        found = found + np.linalg.solve(curvature, A.T @ (is_right - p) - _RIDGE * found)
-    return float(found[0]), float(found[1])
+
+    def loss(x: Array) -> float:
+        return float(np.logaddexp(0, A @ x).sum() - is_right @ A @ x + _RIDGE / 2 * x @ x)
+
+    intercept, slope = minimize(loss, np.zeros(2), tol=1e-12).x
+    return float(intercept), float(slope)
 
 
 def with_calibration(names: Sequence[Stated], file: Path) -> list[Stated]:

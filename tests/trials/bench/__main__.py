@@ -76,12 +76,8 @@ def report(done: Sequence[tuple[str, list[Line]]]) -> str:
     return f"written to {PAGE}"
 
 
-def has_missed(done: Sequence[tuple[str, list[Line]]]) -> bool:
-    return not all(one.reached for _, own in done for one in own)
-
-
 TRIAL = Trial(
-    draw, measured, report, line=line, failed=has_missed,
+    draw, measured, report, line=line, failed=lambda done: not all(one.reached for _, own in done for one in own),
     options={"NAMES": (tuple(ROWS), f"some of {', '.join(ROWS)} (all)", ROWS)},
 )  # fmt: skip
 

@@ -26,10 +26,6 @@ def judged(block: Block) -> Outcome:
     return run_block(block)
 
 
-def line(outcome: Outcome) -> str:
-    return outcome.failure
-
-
 def grown_mb(outcomes: Sequence[Outcome]) -> float:
     """Most memory by which a process grew between two blocks of a target; its first block loads what is needed."""
     by_process = defaultdict(list)
@@ -60,7 +56,7 @@ def is_wrong(done: Sequence[Outcome]) -> bool:
 
 
 TRIAL = Trial(
-    draw, judged, report, line=line, failed=is_wrong,
+    draw, judged, report, line=lambda outcome: outcome.failure, failed=is_wrong,
     options={
         "inputs": (1_000_000, "inputs to each protocol, some 2000 a second and core (1000000)"),
         "files": (20_000, "inputs to each kind of file (20000)"),

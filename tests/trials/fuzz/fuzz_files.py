@@ -11,7 +11,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from random import Random
 
@@ -50,7 +50,11 @@ BENCH = _Bench()
 
 def files() -> dict[str, list[Feed]]:
     """Reader of each kind of file."""
-    return {"rig_files": [_rig_file], "runs": [_whole_run, _crashed_run], "tables": [_table]}
+    return {
+        "rig_files": [_rig_file],
+        "runs": [partial(_one_run, crashed=crashed) for crashed in (False, True)],
+        "tables": [_table],
+    }
 
 
 NASTY = [
@@ -97,13 +101,8 @@ def _only_lines() -> Iterator[None]:
             assert len(line) < 5000, f"a line of {len(line)} characters"
 
 
-def _rig_corpus() -> list[bytes]:
-    """The shipped rigs, each also with most of its lines left out: a short file is read sooner."""
-    texts = [path.read_bytes() for path in sorted(SHIPPED.glob("*.yaml"))]
-    return [re.sub(rb"(?m)^\s*#.*\n|\s+#.*$", b"", text) for text in texts]
-
-
-_RIGS = _rig_corpus()
+_RIGS = [re.sub(rb"(?m)^\s*#.*\n|\s+#.*$", b"", path.read_bytes()) for path in sorted(SHIPPED.glob("*.yaml"))]
+"""The shipped rigs without comments: a short file is read sooner."""
 
 
 def _rig_file(dice: Random) -> int:
@@ -128,14 +127,6 @@ def _nasty(dice: Random, good: bytes) -> bytes:
         (f"{key}{colon} {thing}", thing, f"{lines[place]}\n{thing}", f"{key}: &a\n{lines[place]}")
     )
     return "\n".join(lines).encode("utf-8", "surrogatepass")
-
-
-def _whole_run(dice: Random) -> int:
-    return _one_run(dice, crashed=False)
-
-
-def _crashed_run(dice: Random) -> int:
-    return _one_run(dice, crashed=True)
 
 
 def _one_run(dice: Random, *, crashed: bool) -> int:
@@ -183,9 +174,7 @@ def _table(dice: Random) -> int:
 def _csv(test: str, rows: int) -> bytes:
     columns = rows_of(test)  # type: ignore[arg-type]
     text = io.StringIO(newline="")
-    writer = csv.writer(text)
-    writer.writerow(columns)
-    writer.writerows(list(zip(*columns.values(), strict=True))[:rows])
+    csv.writer(text).writerows([list(columns), *list(zip(*columns.values(), strict=True))[:rows]])
     return text.getvalue().encode()
 
 

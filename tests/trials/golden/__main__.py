@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -44,15 +44,11 @@ def judged(drawn: tuple[Case, Namespace]) -> tuple[str, int]:
     return "\n".join([f"{case.name}: {f'{len(found)} changed' if found else 'as kept'}, {took}", *shown]), len(found)
 
 
-def has_changed(done: Sequence[tuple[str, int]]) -> bool:
-    return any(changed for _, changed in done)
-
-
 TRIAL = Trial(
     draw,
     judged,
     line=lambda one: one[0],
-    failed=has_changed,
+    failed=lambda done: any(changed for _, changed in done),
     options={
         "NAMES": (("*",), "names or patterns of names (all)"),
         "update": (False, "keep what is said now; look at the difference in git"),

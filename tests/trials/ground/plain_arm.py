@@ -17,8 +17,6 @@ from scipy.spatial.transform import Rotation
 from tests.worlds.chain import gravity_torques, link_frames
 
 Array = NDArray[np.float64]
-ROUNDS = 30
-"""Alternations between frame and target; each gains a digit or more."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +136,15 @@ def write_rows(path: Path, names: list[str] | tuple[str, ...], rows: list[list[s
         writer.writerows(rows)
 
 
+def write_answer(path: Path, places: Array, u: Array) -> None:
+    """Write the answer to a task: places (m, 3) mm and u (m,) mm, nan where a program states none."""
+    rows = [
+        [str(k), *(f"{value:.5f}" for value in place), "" if np.isnan(own) else f"{own:.5f}"]
+        for k, (place, own) in enumerate(zip(places, u, strict=True), start=1)
+    ]
+    write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
+
+
 @dataclass(frozen=True)
 class Frame:
     """Where an instrument sees the base (turn as a rotation vector in mrad, place in mm) and where its target sits on
@@ -162,13 +169,10 @@ def framed(arm: PlainArm, poses: Poses) -> Frame:
 
 def framed_at(R: Array, p: Array, seen: Array) -> Frame:
     """Fit frame and target to flanges turned by R (m, 3, 3) at p (m, 3) mm, whose targets were seen at (m, 3) mm."""
-    tool, values = np.zeros(3), np.zeros(9)
-    for _ in range(ROUNDS):
-        points = p + R @ tool
-        turn, _ = Rotation.align_vectors(seen - seen.mean(axis=0), points - points.mean(axis=0))
-        M = turn.as_matrix()
-        columns = np.concatenate([M @ R, np.tile(np.eye(3), (len(p), 1, 1))], axis=2).reshape(-1, 6)
-        found = np.linalg.lstsq(columns, (seen - p @ M.T).ravel(), rcond=None)[0]
-        tool, values = found[:3], np.concatenate([1e3 * turn.as_rotvec(), found[3:], found[:3]])
-    fitted = least_squares(lambda x: (Frame(x).seen(R, p) - seen).ravel(), values, x_scale="jac")
-    return Frame(fitted.x)
+    turn, _ = Rotation.align_vectors(seen - seen.mean(axis=0), p - p.mean(axis=0))
+    start = np.concatenate([1e3 * turn.as_rotvec(), seen.mean(axis=0) - turn.apply(p.mean(axis=0)), np.zeros(3)])
+
+    def left(x: Array) -> Array:
+        return (Frame(x).seen(R, p) - seen).ravel()
+
+    return Frame(least_squares(left, start, x_scale="jac", xtol=1e-14, ftol=1e-14).x)

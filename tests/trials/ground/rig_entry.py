@@ -22,7 +22,7 @@ from analysis.robot.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
-from tests.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_poses, write_rows
+from tests.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_poses, write_answer, write_rows
 from tests.trials.ground.tasks import read_tasks
 
 TEMPLATE = "ur10"
@@ -47,17 +47,13 @@ def answered(tasks: Path, answers: Path) -> None:
 
 def answer(here: Path, path: Path, work: Path) -> None:
     arm, given, asked = read_arm(here / "arm.csv"), *(read_poses(here / f"{one}.csv") for one in ("train", "test"))
-    places, u = placed(arm, given, asked, work)
-    rows = [
-        [str(k), *(f"{value:.5f}" for value in (*place, own))]
-        for k, (place, own) in enumerate(zip(places, u, strict=True), start=1)
-    ]
-    write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
+    write_answer(path, *placed(arm, given, asked, work))
 
 
 def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array, Array]:
     """Places (m, 3) mm of the poses asked, and u (m,) mm of each distance."""
-    rig_file = write_rig(rig_of(arm), work)
+    rig_file = work / "cell.yaml"
+    rig_file.write_text(yaml.safe_dump(rig_of(arm)), encoding="utf-8")
     runs = [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
     found = calibrate(runs)
     places, u = np.zeros((len(asked.q), 3)), np.zeros(len(asked.q))
@@ -69,8 +65,7 @@ def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array
 
 
 def rig_of(arm: PlainArm) -> dict[str, Any]:
-    path = Path(load.__code__.co_filename).parent / f"{TEMPLATE}.yaml"
-    data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    data: dict[str, Any] = yaml.safe_load(load(TEMPLATE)[1])
     for own in ("gauges", "feedback", "tests"):  # of an arm with six axes
         data.pop(own, None)
     angles = np.degrees([arm.alpha, arm.offset])
@@ -92,12 +87,6 @@ def rig_of(arm: PlainArm) -> dict[str, Any]:
         "tool": {"xyz_mm": [0, 0, 0]},
     }
     return data
-
-
-def write_rig(data: dict[str, Any], work: Path) -> Path:
-    path = work / "cell.yaml"
-    path.write_text(yaml.safe_dump(data), encoding="utf-8")
-    return path
 
 
 def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured:

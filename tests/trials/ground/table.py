@@ -5,37 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from tests.support import trial
 from tests.trials.ground.score import Figure, Scores
 
 Entries = Mapping[str, Scores]
 
 
 def markdown(entries: Entries) -> str:
-    """Tables of accuracy and uncertainty, an entry a column."""
-    honest = [[row, *(honesty(scores[row]) for scores in entries.values())] for row in rows_of(entries)]
+    """Tables of accuracy and uncertainty, an entry a column. All entries have the same rows."""
+    errors, honest = [], []
+    for row, first in next(iter(entries.values())).items():
+        nominal = first["nominal_um"]
+        own = [scores[row] for scores in entries.values()]
+        errors.append([row, nominal.of, f"{nominal.value:.0f}", *map(erred, own)])
+        honest.append([row, *map(honesty, own)])
     return "\n".join([
-        "Accuracy: rms of the error in µm at poses that were not given.", "", accuracy(entries, rows_of(entries)), "",
+        "Accuracy: rms of the error in µm at poses that were not given.", "",
+        trial.markdown(["task", "test poses", "nominal", *entries], errors), "",
         "Uncertainty: rms of error over stated u (1 where u is true; above, too sure), share within 2 u.", "",
-        table(["task", *entries], honest),
+        trial.markdown(["task", *entries], honest),
     ])  # fmt: skip
-
-
-def any_scores(entries: Entries) -> Scores:
-    """Scores of one entry; all have the same rows."""
-    return next(iter(entries.values()))
-
-
-def rows_of(entries: Entries) -> list[str]:
-    return list(any_scores(entries))
-
-
-def accuracy(entries: Entries, rows: list[str]) -> str:
-    """Table of errors, with that of the nominal arm."""
-    lines = []
-    for row in rows:
-        nominal = any_scores(entries)[row]["nominal_um"]
-        lines.append([row, str(nominal.of), f"{nominal.value:.0f}", *(erred(own[row]) for own in entries.values())])
-    return table(["task", "test poses", "nominal", *entries], lines)
 
 
 def erred(own: Mapping[str, Figure]) -> str:
@@ -56,8 +45,3 @@ def honesty(own: Mapping[str, Figure]) -> str:
 
 def interval(one: Figure, told: Callable[[float], str]) -> str:
     return "–" if math.isnan(one.value) else f"{told(one.value)} ({told(one.low)} … {told(one.high)})"
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from tests.support.measured_series import DATA
@@ -25,16 +25,9 @@ def judged(case: HintCase) -> tuple[str, Followed]:
         return case.name, followed(case, Path(work))
 
 
-def report(done: Sequence[tuple[str, Followed]]) -> str:
-    return table(dict(done))
-
-
-def has_dead(done: Sequence[tuple[str, Followed]]) -> bool:
-    return any(one.dead for _, one in done)
-
-
 TRIAL = Trial(
-    draw, judged, report, line=lambda one: f"{one[0]}: {one[1]}", failed=has_dead,
+    draw, judged, lambda done: table(dict(done)), line=lambda one: f"{one[0]}: {one[1]}",
+    failed=lambda done: any(one.dead for _, one in done),
     options={
         "NAMES": ([], "cases to follow (all)"),
         "quick": (False, "those alone that each commit follows"),

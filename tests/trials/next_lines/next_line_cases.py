@@ -93,7 +93,7 @@ def cases(data: Path) -> Iterator[HintCase]:
     yield HintCase("wrong-ways", _cell, _WRONG_WAYS, quick=True)
     yield HintCase(
         "explain-it",
-        lambda directory: _golden("yaw-lap").make(directory, data),
+        lambda directory: next(case for case in golden.CASES if case.name == "yaw-lap").make(directory, data),
         (
             "calibrate runs/* --fit backlash:1,joint_offset -o fitted.yaml",
             "correct fitted.yaml -o corrections",
@@ -103,14 +103,10 @@ def cases(data: Path) -> Iterator[HintCase]:
     )
     for case in golden.CASES:
         commands = (*case.commands, *_FINDS * any(line.startswith("diagnose") for line in case.commands))
-        yield HintCase(case.name, lambda directory, made=case: made.make(directory, data), commands, quick=False)
+        yield HintCase(case.name, lambda directory, made=case: made.make(directory, data), commands)
 
 
 _FINDS = ("diagnose runs/* -o found", "report runs/* -o page.html")
-
-
-def _golden(name: str) -> golden.Case:
-    return next(case for case in golden.CASES if case.name == name)
 
 
 def followed(case: HintCase, work: Path) -> Followed:

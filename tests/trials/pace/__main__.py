@@ -252,20 +252,12 @@ def draw(given: Namespace) -> Iterator[tuple[int, float, int]]:
     yield from ((rate, given.seconds, given.turns) for rate in given.rate)
 
 
-def report(whole: Sequence[bool]) -> str:
-    return "no sample missing" if all(whole) else "samples missing"
-
-
-def has_lost(whole: Sequence[bool]) -> bool:
-    return not all(whole)
-
-
 TRIAL = Trial(
     draw,
     judged,
-    report,
+    lambda whole: "no sample missing" if all(whole) else "samples missing",
     line=lambda whole: "",
-    failed=has_lost,
+    failed=lambda whole: not all(whole),
     options={
         "SECONDS": (10.0, "how long each reader takes each cell, in each turn (10)"),
         "turns": (2, "how often they take turns (2)"),

@@ -22,7 +22,7 @@ from typing import Any, get_args
 
 import yaml
 
-from analysis.apps.session.session_state import Aim, Session, SessionDirectory
+from analysis.apps.session.session_state import Aim, SessionDirectory
 from rigs.load import load
 from rigs.schema.vocabulary import MAKERS
 from tests.support.trial import Trial, main
@@ -69,11 +69,8 @@ def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
     sign = chance.choice((-1, 1))
     match kind:
         case "play":
-            return {
-                "effect": "backlash",
-                "axis": chance.randint(1, 5),
-                "width_deg": round(chance.uniform(0.01, 0.03), 4),
-            }
+            axis = chance.randint(1, 5)
+            return {"effect": "backlash", "axis": axis, "width_deg": round(chance.uniform(0.01, 0.03), 4)}
         case "zero":
             offset = round(sign * chance.uniform(0.03, 0.1), 4)
             return {"effect": "joint_offset", "axis": chance.randint(2, 5), "offset_deg": offset}
@@ -151,14 +148,20 @@ def outcome(trial: Drawn, directory: Path, came: dict[str, Any]) -> dict[str, An
         "planned": len(session.steps),
         "condition": session.answer and session.answer.condition,
         "way": session.correction and session.correction.way,
-        "lost": _lost(session, directory),
+        "lost": sum(not (directory / "runs" / one.run).is_dir() for step in session.steps for one in step.tries),
     }
-    named = _named(session, directory)
-    found["named"] = [name for name in found["hidden"] if name in named]
-    found["invented"] = _invented(session, directory, set(found["hidden"]))
-    found["off_u"] = _off_u(trial, session, directory)
+    diagnosis: dict[str, Any] = {"effects": [], "acts": []}
+    if session.answer is not None:
+        diagnosis = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
+    standing = [effect for effect in diagnosis["effects"] if effect["stands"]]
+    named = set().union(*map(_names, standing))
+    found |= {
+        "named": [name for name in found["hidden"] if name in named],
+        "invented": [_name(effect) for effect in standing if not _names(effect) & set(found["hidden"])],
+        "off_u": _off_u(trial, standing),
+        "first_act": " ".join(act[key] for act in diagnosis["acts"][:1] for key in ("kind", "effect") if act[key]),
+    }
     verified = session.verified
-    found["first_act"] = _first_act(session, directory)
     if verified and verified.elsewhere_before:
         before, after = verified.elsewhere_before, verified.elsewhere_after
         found |= {"before_um": before.um, "after_um": after.um if after else None, "u_um": after.u_um if after else 0.0}
@@ -169,46 +172,15 @@ def outcome(trial: Drawn, directory: Path, came: dict[str, Any]) -> dict[str, An
     return found
 
 
-def _first_act(session: Session, directory: Path) -> str:
-    """Return kind and cause of the first action recommended by the last diagnosis."""
-    if session.answer is None:
-        return ""
-    data = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
-    first = next(iter(data["acts"]), None)
-    return " ".join(filter(None, [first["kind"], first["effect"]])) if first else ""
-
-
-def _lost(session: Session, directory: Path) -> int:
-    """Runs that the session names and that are not there."""
-    return sum(not (directory / "runs" / one.run).is_dir() for step in session.steps for one in step.tries)
-
-
-def _standing(session: Session, directory: Path) -> list[dict[str, Any]]:
-    """The effects that stand after the last inference."""
-    if session.answer is None:
-        return []
-    data = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
-    return [effect for effect in data["effects"] if effect["stands"]]
-
-
 def _names(effect: dict[str, Any]) -> set[str]:
     """The name of an effect that was found, and those of its rivals."""
     return {_name(one) for one in (effect, *effect["rivals"])}
 
 
-def _named(session: Session, directory: Path) -> set[str]:
-    return set().union(*(_names(effect) for effect in _standing(session, directory)))
-
-
-def _invented(session: Session, directory: Path, hidden: set[str]) -> list[str]:
-    """Effects that stand and were not hidden, nor a rival of what was."""
-    return [_name(effect) for effect in _standing(session, directory) if not _names(effect) & hidden]
-
-
-def _off_u(trial: Drawn, session: Session, directory: Path) -> list[float]:
+def _off_u(trial: Drawn, standing: list[dict[str, Any]]) -> list[float]:
     """Distance of each named hidden effect from the truth, in u."""
     off: list[float] = []
-    for effect in _standing(session, directory):
+    for effect in standing:
         hidden = next((one for one in trial.effects if _name(one) == _name(effect)), {})
         for key, found in effect["parameters"].items():
             if key in hidden and key != "phase_deg" and found["sd"]:

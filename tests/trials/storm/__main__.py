@@ -25,10 +25,8 @@ def draw(given: Namespace) -> Iterator[int]:
 
 
 def line(told: Told) -> str:
-    return _told(told) * bool(told.violations)
-
-
-def _told(told: Told) -> str:
+    if not told.violations:
+        return ""
     return "\n".join([
         f"seed {told.world.seed}: {told.world}",
         f"  {told.seconds:.0f} simulated s in {told.took_s:.1f} s, {told.rows} rows in {told.runs} runs",
@@ -62,16 +60,12 @@ def report(found: Sequence[Told]) -> str:
     return "\n".join(lines)
 
 
-def is_wrong(done: Sequence[Told]) -> bool:
-    return any(told.violations for told in done)
-
-
 TRIAL = Trial(
     draw,
     weather,
     report,
     line=line,
-    failed=is_wrong,
+    failed=lambda done: any(told.violations for told in done),
     options={
         "SECONDS": (60.0, "how long in real time; the last worlds are finished (60)"),
         "seed": (int, "this world alone, as it was when it failed"),

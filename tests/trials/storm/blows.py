@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from random import Random
 from typing import Any
 
 from daq import clock
 from daq.acquisition.host_clock import HOST
+from daq.acquisition.streams import ROBOT
 from daq.emulators.simulated_cell import SimulatedLine
 from daq.protocol.conversation import FaultKind
 from daq.store import load_manifest
@@ -25,10 +26,11 @@ _DAY_S, _HOUR_S = 86_400, 3600.0
 _LOGGED_AGAIN_S = 13.0
 """The log has a line of one kind every ten seconds, and says of a sync after two that it is slow."""
 
-_GARBLE = (
+GARBLED = {
     FaultKind.GARBLED, FaultKind.MISSHAPEN, FaultKind.SILENT, FaultKind.LATE, FaultKind.SKIPPED, FaultKind.MISSING,
     FaultKind.DEVICE_ERROR, FaultKind.DISCONNECTED, FaultKind.UNIT_CHANGED, FaultKind.DOUBTFUL,
-)  # fmt: skip
+}  # fmt: skip
+"""Faults that may name changed bytes."""
 
 
 def _line_that_reads(life: Life, blow: Blow) -> SimulatedLine | None:
@@ -40,45 +42,48 @@ def _line_that_reads(life: Life, blow: Blow) -> SimulatedLine | None:
     return line if reads else None
 
 
+def _timeout_s(life: Life, line: SimulatedLine) -> float:
+    """Timeout of the daemon on a line."""
+    rig = life.cell.rig
+    device = rig.feedback if line.name == ROBOT else rig.gauges.recorded[line.name.split("_")[0]]
+    return device.timeout_s
+
+
 def _patience_s(life: Life, line: SimulatedLine) -> float:
     """Timeout of the daemon on a line, plus the time for the next reading."""
-    if line.name == "robot":
-        return life.cell.rig.feedback.timeout_s + (2.5 if life.world.is_long else 0.5)
-    gauge = life.cell.rig.gauges.recorded[line.name.split("_")[0]]
-    return gauge.timeout_s + (2.5 if life.world.is_long else 0.5)
+    return _timeout_s(life, line) + (2.5 if life.world.is_long else 0.5)
+
+
+@contextmanager
+def _named(life: Life, blow: Blow, line: SimulatedLine, within_s: float, *kinds: FaultKind) -> Iterator[None]:
+    """See that a fault of these kinds is counted soon after what the context does to a line."""
+    before = life.counted(line.name, *kinds)
+    yield
+    life.is_named(blow, line.name, before, within_s, *kinds)
 
 
 def _cable(life: Life) -> None:
-    line = _line_that_reads(life, Blow.CABLE)
-    if line is None:
-        return
-    before = life.counted(line.name, FaultKind.DISCONNECTED)
-    line.unplug()
-    life.is_named(Blow.CABLE, line.name, before, 1.0, FaultKind.DISCONNECTED)
-    clock.sleep(life.dice.uniform(0.0, 12.0))
-    line.plugged = True
+    if (line := _line_that_reads(life, Blow.CABLE)) is not None:
+        with _named(life, Blow.CABLE, line, 1.0, FaultKind.DISCONNECTED):
+            line.unplug()
+        clock.sleep(life.dice.uniform(0.0, 12.0))
+        line.plugged = True
 
 
 def _reset(life: Life) -> None:
-    line = _line_that_reads(life, Blow.RESET)
-    if line is None:
-        return
-    before = life.counted(line.name, FaultKind.DISCONNECTED)
-    line.reset()
-    life.is_named(Blow.RESET, line.name, before, 1.0, FaultKind.DISCONNECTED)
+    if (line := _line_that_reads(life, Blow.RESET)) is not None:
+        with _named(life, Blow.RESET, line, 1.0, FaultKind.DISCONNECTED):
+            line.reset()
 
 
 def _late(life: Life) -> None:
     """One piece comes late, and what follows it on the line with it: later than the daemon waits, and not so late that
     no protocol could know it."""
-    line = _line_that_reads(life, Blow.LATE)
-    if line is None:
-        return
-    timeout_s = _patience_s(life, line) - (2.5 if life.world.is_long else 0.5)
-    silent = FaultKind.SILENT, FaultKind.LATE, FaultKind.DISCONNECTED
-    before = life.counted(line.name, *silent)
-    _change_one(life, line, lambda data: (data, round(life.dice.uniform(1.2, 1.7) * timeout_s * 1e9)))
-    life.is_named(Blow.LATE, line.name, before, 8 * timeout_s + 3, *silent)
+    if (line := _line_that_reads(life, Blow.LATE)) is not None:
+        timeout_s = _timeout_s(life, line)
+        silent = FaultKind.SILENT, FaultKind.LATE, FaultKind.DISCONNECTED
+        with _named(life, Blow.LATE, line, 8 * timeout_s + 3, *silent):
+            _change_one(life, line, lambda data: (data, round(life.dice.uniform(1.2, 1.7) * timeout_s * 1e9)))
 
 
 def _cut(life: Life) -> None:
@@ -90,12 +95,9 @@ def _junk(life: Life) -> None:
 
 
 def _garble(life: Life, blow: Blow, change: Callable[[bytes], bytes]) -> None:
-    line = _line_that_reads(life, blow)
-    if line is None:
-        return
-    before = life.counted(line.name, *_GARBLE)
-    _change_one(life, line, lambda data: (change(data), 0))
-    life.is_named(blow, line.name, before, 4 * _patience_s(life, line), *_GARBLE)
+    if (line := _line_that_reads(life, blow)) is not None:
+        with _named(life, blow, line, 4 * _patience_s(life, line), *GARBLED):
+            _change_one(life, line, lambda data: (change(data), 0))
 
 
 def _change_one(life: Life, line: SimulatedLine, change: Callable[[bytes], tuple[bytes, int]]) -> None:
@@ -119,11 +121,11 @@ def _head_off(life: Life) -> None:
     name = life.dice.choice(sorted(life.cell.rig.gauges.recorded))
     stream = life.instruments.streams[name]
     life.befell[stream].add(Blow.HEAD_OFF)
-    before = life.counted(stream, *_GARBLE)
+    before = life.counted(stream, *GARBLED)
     life.instruments.off.add(name)
     clock.sleep(life.dice.uniform(1.0, 3.0) + (4.0 if life.world.is_long else 0.0))
     if life.ask("status")["streams"][stream]["connected"]:
-        life.is_named(Blow.HEAD_OFF, stream, before, 3.0, *_GARBLE)
+        life.is_named(Blow.HEAD_OFF, stream, before, 3.0, *GARBLED)
     life.instruments.off.discard(name)
 
 
@@ -161,7 +163,8 @@ def _program(life: Life) -> None:
         life.wrong("the run of the robot's program was not ended")
 
 
-def _disk_blow(life: Life, blow: Blow, seconds: float, strike: Callable[[Disk], None]) -> None:
+def _disk_blow(life: Life, blow: Blow, strike: Callable[[Disk], None]) -> None:
+    seconds = life.dice.uniform(1.5, 8.0)
     life.befell[HOST].add(blow)
     recording = life.ask("status").get("recording")
     refused = life.disk.refused
@@ -169,29 +172,30 @@ def _disk_blow(life: Life, blow: Blow, seconds: float, strike: Callable[[Disk], 
     clock.sleep(seconds)
     state = life.ask("status")
     is_hit = blow is Blow.FULL or life.disk.refused > refused
-    if recording and is_hit and state.get("recording") and not state.get("waiting"):
-        life.wrong(f"{blow}: the run goes on as if nothing were")
-    if recording and is_hit and not state.get("recording") and not state["last_end"]:
-        life.wrong(f"{blow} is not named")
+    if recording and is_hit:
+        if state.get("recording") and not state.get("waiting"):
+            life.wrong(f"{blow}: the run goes on as if nothing were")
+        if not state.get("recording") and not state["last_end"]:
+            life.wrong(f"{blow} is not named")
     life.disk.heal()
 
 
 def _full(life: Life) -> None:
-    _disk_blow(life, Blow.FULL, life.dice.uniform(1.5, 8.0), lambda disk: setattr(disk, "full", True))
+    _disk_blow(life, Blow.FULL, lambda disk: setattr(disk, "full", True))
 
 
 def _quota(life: Life) -> None:
-    def strike(disk: Disk) -> None:
-        disk.failing.update(dict.fromkeys(("pwrite", "mkdir"), errno.ENOSPC))
-
-    _disk_blow(life, Blow.QUOTA, life.dice.uniform(1.5, 8.0), strike)
+    _fail(life, Blow.QUOTA, ("pwrite", "mkdir"), errno.ENOSPC)
 
 
 def _failing(life: Life) -> None:
     calls = life.dice.sample(("pwrite", "fsync", "open", "replace", "unlink", "mkdir", "ftruncate"), 3)
+    _fail(life, Blow.FAILING, calls, errno.EIO)
+
+
+def _fail(life: Life, blow: Blow, calls: Sequence[str], number: int) -> None:
     # A disk that refuses only what nobody calls just now has refused nothing.
-    strike: Callable[[Disk], None] = lambda disk: disk.failing.update(dict.fromkeys(calls, errno.EIO))  # noqa: E731
-    _disk_blow(life, Blow.FAILING, life.dice.uniform(1.5, 8.0), strike)
+    _disk_blow(life, blow, lambda disk: disk.failing.update(dict.fromkeys(calls, number)))
 
 
 def _slow(life: Life) -> None:
@@ -230,35 +234,29 @@ def _flood(life: Life) -> None:
 
 def _kill(life: Life) -> None:
     clock.sleep(life.dice.uniform(0, 1.0))
-    life.killed()
-    life.disk.gone = True
-    life.cell.kill(life.daemon)
-    life.disk.gone = False
+    life.kill()
     life.note_runs()
     clock.sleep(life.dice.uniform(0, 2.0))
-    life.start()
-    _recovered(life)
+    _start_again(life)
 
 
 def _power_cut(life: Life) -> None:
     """The power goes, mostly while the disk is still at what it was given."""
     life.disk.syncs_s = life.dice.choice((0.0, 0.5, 1.0))
     clock.sleep(life.dice.uniform(0, 3.0))
-    life.killed()
-    life.disk.gone = True
-    life.cell.kill(life.daemon)
-    life.disk.gone, life.disk.syncs_s = False, 0.0
+    life.kill()
+    life.disk.syncs_s = 0.0
     life.disk.cut_power()
     promised = {asked.path for asked in life.asked if asked.synced}
     for path in sorted(path for path in promised if not is_run(path)):
         life.wrong(f"{path.name} is gone after a power cut")
     life.known = {path for path in life.known if is_run(path)}
-    life.start()
-    _recovered(life)
+    _start_again(life)
 
 
-def _recovered(life: Life) -> None:
+def _start_again(life: Life) -> None:
     """The next start recovers what was left: runs that cannot be read are found at the end."""
+    life.start()
     clock.sleep(life.dice.uniform(0.5, 3.0))
 
 

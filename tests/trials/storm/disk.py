@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
 from typing import Any
 
 from daq import clock
-from daq.store import durable
 from tests.support.powercut import Watched, survivors
 
 _CHANGES = ("open", "pwrite", "fsync", "ftruncate", "replace", "unlink", "mkdir", "rmdir")
@@ -77,12 +74,3 @@ class Disk:
         if number is not None:
             self.refused += 1
             raise OSError(number, os.strerror(number))
-
-    @contextmanager
-    def in_place(self) -> Iterator[None]:
-        """Be the disk of the store."""
-        durable.os = self  # type: ignore[assignment]
-        try:
-            yield
-        finally:
-            durable.os = os

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Sequence
 
@@ -11,6 +12,7 @@ from daq.store import Run, read_run
 from daq.store.manifest import is_run
 from daq.store.verify import judge
 from rigs.errors import RigError
+from tests.trials.storm.blows import GARBLED
 from tests.trials.storm.ledger import Piece, held
 from tests.trials.storm.life import Asked, Life
 from tests.trials.storm.worlds import Blow
@@ -23,17 +25,13 @@ _SPOILT_NS = 6_000_000_000
 """For so long after a change of its bytes a protocol may leave out what came: it drains its line, resynchronises, and
 bears out a shape again."""
 _LINE = {FaultKind.DISCONNECTED, FaultKind.SILENT}
-_GARBLED = {
-    FaultKind.GARBLED, FaultKind.MISSHAPEN, FaultKind.SILENT, FaultKind.LATE, FaultKind.SKIPPED, FaultKind.MISSING,
-    FaultKind.DEVICE_ERROR, FaultKind.DISCONNECTED, FaultKind.UNIT_CHANGED, FaultKind.DOUBTFUL,
-}  # fmt: skip
 _MAY_NAME = {
     Blow.CABLE: _LINE,
     Blow.RESET: _LINE,
     # A KUKA whose messages come late hears late answers, and says so.
     Blow.LATE: {FaultKind.SILENT, FaultKind.LATE, FaultKind.DISCONNECTED, FaultKind.DEVICE_ERROR},
-    Blow.CUT: _GARBLED,
-    Blow.JUNK: _GARBLED,
+    Blow.CUT: GARBLED,
+    Blow.JUNK: GARBLED,
     Blow.HEAD_OFF: {FaultKind.DEVICE_ERROR, FaultKind.MISSING, FaultKind.DOUBTFUL},
     Blow.CLOCK: {FaultKind.CLOCK},
     Blow.SLEEP: {FaultKind.CLOCK},
@@ -92,11 +90,11 @@ def _judge_stream(life: Life, chain: Sequence[Run], stream: str, asked: Asked | 
         rows = run.streams[stream]
         life.told.rows += len(rows["last_byte_ns"])
         for name in names:
-            found = held(name, rows, pieces)
-            life.told.violations += [f"{run.path.name}: {problem}" for problem in found.problems]
-            if found.places & places and name == names[0]:
+            own, problems = held(name, rows, pieces)
+            life.told.violations += [f"{run.path.name}: {problem}" for problem in problems]
+            if own & places and name == names[0]:
                 life.told.violations.append(f"{run.path.name}: {name}: rows are in two runs")
-            places |= found.places
+            places |= own
         dropped += run.manifest.counters.get(stream, {}).get(FaultKind.DROPPED, 0)
     _judge_missing(life, chain, stream, asked, places, dropped)
 
@@ -162,12 +160,8 @@ def _readings_besides(pieces: Sequence[Piece], asked: Asked, places: set[int]) -
 def _is_spoilt(life: Life, pieces: Sequence[Piece], place: int) -> bool:
     """True if a protocol may omit a message, because bytes were changed or an answer was late shortly before."""
     since_ns = pieces[place].at_ns - _SPOILT_NS
-    back = place
-    while back >= 0 and pieces[back].at_ns >= since_ns:
-        if pieces[back].broken or pieces[back].late:
-            return True
-        back -= 1
-    return False
+    before = itertools.takewhile(lambda piece: piece.at_ns >= since_ns, reversed(pieces[: place + 1]))
+    return any(piece.broken or piece.late for piece in before)
 
 
 def _judge_faults(life: Life, run: Run) -> None:

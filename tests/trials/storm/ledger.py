@@ -172,18 +172,9 @@ def _shown(name: str, rows: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     return np.where(good & there, codes, -1).astype(int), there
 
 
-@dataclass
-class Held:
-    """The rows of a stream held against its ledger. places: of the pieces that rows came from; problems: what is wrong
-    with rows."""
-
-    places: set[int] = field(default_factory=set)
-    problems: list[str] = field(default_factory=list)
-
-
-def held(name: str, rows: dict[str, Any], pieces: Sequence[Piece]) -> Held:
-    """Hold the rows of an instrument to the pieces of its stream."""
-    found, arrivals = Held(), [piece.at_ns for piece in pieces]
+def held(name: str, rows: dict[str, Any], pieces: Sequence[Piece]) -> tuple[set[int], list[str]]:
+    """Places of the pieces of its stream from which the rows of an instrument came, and what is wrong with rows."""
+    places, arrivals = set[int](), [piece.at_ns for piece in pieces]
     codes, there = _shown(name, rows)
     stamps, first = rows["last_byte_ns"], rows["first_byte_ns"]
     last, wrong = (-1, -1), dict[str, list[Any]](invented=[], late=[], early=[], order=[])
@@ -207,17 +198,14 @@ def held(name: str, rows: dict[str, Any], pieces: Sequence[Piece]) -> Held:
             wrong["order"].append(row)
         else:
             last = where, number
-        found.places.add(where)
+        places.add(where)
     told = {
         "invented": "no instrument sent them",
         "late": "stamped late (row, ms)",
         "early": "stamped before they came (row, ms)",
         "order": "doubled or out of order",
     }
-    for kind, what in told.items():
-        if wrong[kind]:
-            found.problems.append(f"{name}: {len(wrong[kind])} rows: {what}: {wrong[kind][:4]}")
-    return found
+    return places, [f"{name}: {len(rows)} rows: {told[kind]}: {rows[:4]}" for kind, rows in wrong.items() if rows]
 
 
 def _near(name: str, code: int, pieces: Sequence[Piece], place: int, last: tuple[int, int]) -> tuple[int, int] | None:

@@ -264,20 +264,20 @@ class Life:
             self.wrong(f"{path.name} is gone")
         self.known = there
 
-    def killed(self) -> None:
-        """Note what is known to be on the disk, which a kill or a power cut must leave."""
+    def kill(self) -> None:
+        """Kill the daemon, and note what is known to be on the disk, which a kill or a power cut must leave."""
         state = self.ask("status")
         if state.get("recording"):
             found = next((asked for asked in self.asked if str(asked.path) == state["run"]), None)
             if found is None:
                 self.asked.append(found := Asked(Path(state["run"]), clock.now_ns()))
             found.synced, found.killed_ns = dict(state["synced"]), clock.now_ns()
-            found.to_ns = found.to_ns or 0
-        else:
-            self.ended(0)
         for asked in self.asked:
             if asked.to_ns is None:
                 asked.to_ns = 0
+        self.disk.gone = True
+        self.cell.kill(self.daemon)
+        self.disk.gone = False
 
 
 def _open_files(folder: Path) -> list[str]:

@@ -10,13 +10,14 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
 from daq.acquisition import stream_buffer
 from daq.emulators.simulated_clock import SimulatedClock, close_files_in
 from daq.recording import active_run
-from daq.store import writer
+from daq.store import durable, writer
 from tests.trials.storm.blows import BLOWS
 from tests.trials.storm.judging import judge_runs
 from tests.trials.storm.life import Heard, Life, Told
@@ -35,7 +36,7 @@ def weather(seed: int) -> Told:
         try:
             with time_.running():
                 life = Life(drawn, Path(scratch), time_, heard)
-                with life.disk.in_place():
+                with patch.object(durable, "os", life.disk):  # the disk of the store
                     life.live(BLOWS)
             judge_runs(life)
         except Exception as error:  # noqa: BLE001 - whatever it is, the world of this seed has failed
@@ -53,19 +54,14 @@ def weather(seed: int) -> Told:
 @contextmanager
 def _rooms_of(drawn: World) -> Iterator[None]:
     """Make rooms and chunks as small as the world has them."""
-    before = (
-        stream_buffer._ROOM,
-        active_run.MOST_PENDING,
-        writer.MOST_PENDING,
-        writer.CHUNK_AGE_NS,
-    )  # private _ROOM: as large as it has it
-    if drawn.small:
-        stream_buffer._ROOM, active_run.MOST_PENDING, writer.MOST_PENDING = _ROOM, _PENDING, _PENDING
-    writer.CHUNK_AGE_NS = round(drawn.chunk_s * 1e9)
-    try:
+    sizes = [(writer, "CHUNK_AGE_NS", round(drawn.chunk_s * 1e9))]
+    if drawn.small:  # private _ROOM: as large as it has it
+        sizes.append((stream_buffer, "_ROOM", _ROOM))
+        sizes += [(module, "MOST_PENDING", _PENDING) for module in (active_run, writer)]
+    with ExitStack() as stack:
+        for module, name, size in sizes:
+            stack.enter_context(patch.object(module, name, size))
         yield
-    finally:
-        stream_buffer._ROOM, active_run.MOST_PENDING, writer.MOST_PENDING, writer.CHUNK_AGE_NS = before
 
 
 @contextmanager

@@ -64,15 +64,9 @@ def judge(cell: Cell, answer: Mapping[str, Any], found: Path) -> Verdict:
     names: dict[str, list[str]] = {"right": [], "related": [], "wrong_faults": [], "wrong_certain": []}
     for effect in answer.get("effects") or []:
         kind = judge_name(cell, effect)
-        label = _label(effect)
-        if kind in ("", "ambiguous"):
-            continue
-        if kind != "wrong":
-            names[kind].append(label)
-            continue
-        names["wrong_certain"].append(label)
-        if effect.get("stands"):
-            names["wrong_faults"].append(label)
+        listed = {"right": ["right"], "related": ["related"], "wrong": ["wrong_certain"]}.get(kind, [])
+        for name in [*listed, *["wrong_faults"] * (kind == "wrong" and bool(effect.get("stands")))]:
+            names[name].append(_label(effect))
     acts = answer.get("acts") or []
     before, after, calibrated = first_act_um(cell, answer, found)
     return Verdict(
@@ -101,20 +95,16 @@ def was_told(answer: Mapping[str, Any]) -> bool:
     return float(remainder.get("share") or 0.0) >= TOLD_SHARE
 
 
-def is_certain(effect: Mapping[str, Any]) -> bool:
-    """True if a name is a fault or has odds of at least 95 %."""
-    return bool(effect.get("stands")) or float(effect.get("posterior") or 0.0) >= CERTAIN
-
-
 def judge_name(cell: Cell, effect: Mapping[str, Any]) -> str:
     """Return `right`, `related`, `ambiguous` or `wrong` of a certain name, an empty text of any other.
 
     A fault whose odds are below 95 % is ambiguous if a likely rival of it is right or related.
     """
-    if not is_certain(effect):
+    has_high_odds = float(effect.get("posterior") or 0.0) >= CERTAIN
+    if not (effect.get("stands") or has_high_odds):
         return ""
     kind = truth_of_name(cell, effect)
-    open_rivals = [] if float(effect.get("posterior") or 0.0) >= CERTAIN else effect.get("rivals") or []
+    open_rivals = [] if has_high_odds else effect.get("rivals") or []
     likely = [rival for rival in open_rivals if float(rival.get("posterior") or 0.0) >= 1 - CERTAIN]
     if kind == "wrong" and any(truth_of_name(cell, rival) != "wrong" for rival in likely):
         return "ambiguous"

@@ -15,7 +15,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -127,19 +127,17 @@ class Person:
         return process.returncode
 
     def _start(self, program: str) -> None:
-        stage = next(
-            path.parent.name for path in (self.session / "programs").glob(f"*/{program.replace('-', '_')}*.ngc")
-        )
-        file = next((self.session / "programs" / stage).glob(f"{program.replace('-', '_')}*.ngc"))
+        file = next((self.session / "programs").glob(f"*/{program.replace('-', '_')}*.ngc"))
+        stage, place = file.parent.name, self.directory / "machine" / file.name
         if stage != self.stage:
             cell = yaml.safe_load((self.session / "cells" / f"{stage}.yaml").read_text())
             circle = cell["tests"]["circle"]
             self.mount(program.split("-")[1], circle["centre_mm"], circle["radius_mm"])
             self.stage = stage
-        shutil.copy(file, self.directory / "machine" / file.name)
-        (self.directory / "machine" / file.name).chmod(0o644)
+        shutil.copy(file, place)
+        place.chmod(0o644)
         self.program = program
-        machine.ask(f"run {self.directory / 'machine' / file.name}")
+        machine.ask(f"run {place}")
 
     def _measure(self) -> None:
         error = self.ask(do="error")
@@ -192,15 +190,13 @@ def report(errors: list[dict[str, Any]], file: Path) -> int:
     file.write_text(json.dumps(errors, indent=1))
     before = [error for error in errors if not error["program"].endswith("corrected") and error["home"] == "rig.hal"]
     after = [error for error in errors if error not in before]
-    means: dict[str, Callable[[Sequence[dict[str, Any]]], float]] = {
-        key: lambda rows, key=key: float(np.sqrt(np.mean([row[key] ** 2 for row in rows])))  # type: ignore[misc]
-        for key in ("taught_um", "base_um")
-    }
-    for key, mean in means.items():
-        share = mean(after) / mean(before)
-        print(f"{key}: {mean(before):.1f} before, {mean(after):.1f} after, {100 * share:.1f} %")
+    shares = {}
+    for key in ("taught_um", "base_um"):
+        was, now = (float(np.sqrt(np.mean([row[key] ** 2 for row in rows]))) for rows in (before, after))
+        shares[key] = now / was
+        print(f"{key}: {was:.1f} before, {now:.1f} after, {100 * shares[key]:.1f} %")
     print(f"samples of the motors lost: {errors[-1]['lost']}")
-    return 0 if means["taught_um"](after) <= 0.1 * means["taught_um"](before) else 1
+    return 0 if shares["taught_um"] <= 0.1 else 1
 
 
 if __name__ == "__main__":

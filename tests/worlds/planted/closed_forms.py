@@ -3,6 +3,8 @@
 The simulator is not used here. The noisy cells of `cells`, `circles`, `targets` and `poses` use these formulas.
 """
 
+import dataclasses
+
 import numpy as np
 
 from analysis.robot.geometry.circle import CircleFrame
@@ -78,7 +80,7 @@ def hemisphere() -> RadialTable:
 
 
 def with_readings(table: RadialTable, g_mm: np.ndarray) -> RadialTable:
-    return RadialTable(table.target, table.polar, table.azimuth, table.orientation, table.t_s, table.q, g_mm)
+    return dataclasses.replace(table, g_mm=g_mm)
 
 
 def directions(table: RadialTable) -> np.ndarray:

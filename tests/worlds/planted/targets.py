@@ -164,15 +164,14 @@ def true_radial(g_mm: np.ndarray) -> Truth:
 
 def _sphere(points: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """Return centre (3,), radius and residual (n,) of the least-squares sphere through points (n, 3)."""
-    centre = np.zeros(3)
-    for _ in range(20):
-        line = points - centre
-        distance = np.linalg.norm(line, axis=1)
-        design = np.concatenate([line / distance[:, None], np.ones((len(points), 1))], axis=1)
-        step = np.linalg.lstsq(design, distance, rcond=None)[0]
-        centre = centre + step[:3]
-    distance = np.linalg.norm(points - centre, axis=1)
-    return centre, float(distance.mean()), distance - distance.mean()
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import
+
+    def left(centre: np.ndarray) -> np.ndarray:
+        distance = np.linalg.norm(points - centre, axis=1)
+        return distance - distance.mean()
+
+    fit = least_squares(left, np.zeros(3), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return fit.x, float(np.linalg.norm(points - fit.x, axis=1).mean()), fit.fun
 
 
 def radial_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
@@ -189,11 +188,7 @@ def radial_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
         each = rp(again.reshape(AGAIN, size.laps, -1).swapaxes(1, 2)[..., None])
         truth |= {"rp_mm": float(each.max(axis=1).mean()), "rp_mean_mm": float(each.mean())}
     figures = evaluate(table, cell_rig()[0], 0.0, "planted", u_gauge_mm=stops.white_mm).figures
-    return {f"radial, {_visits(size.laps)}": (dict(figures), truth)}
-
-
-def _visits(count: int) -> str:
-    return "1 visit" if count == 1 else f"{count} visits"
+    return {f"radial, {size.laps} visit{'s' * (size.laps > 1)}": (dict(figures), truth)}
 
 
 # --- repeatability

@@ -106,9 +106,8 @@ def _constants(robot: dict[str, Any]) -> Constants:
 
 def _pose(pose: dict[str, Any]) -> Array:
     """Pose (4, 4) of a position and rotations about the fixed x, then y, then z axis."""
-    T = placed(2, np.radians(pose.get("rpy_deg", (0.0,) * 3))[2])
-    T = T @ placed(1, np.radians(pose.get("rpy_deg", (0.0,) * 3))[1])
-    T = T @ placed(0, np.radians(pose.get("rpy_deg", (0.0,) * 3))[0])
+    rx, ry, rz = np.radians(pose.get("rpy_deg", (0.0,) * 3))
+    T = placed(2, rz) @ placed(1, ry) @ placed(0, rx)
     T[:3, 3] = pose.get("xyz_mm", (0.0,) * 3)
     return T
 

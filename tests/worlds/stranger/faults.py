@@ -98,6 +98,10 @@ class Fault:
     def healthy(self) -> float:
         return healthy_of(self.effect, self.keys)
 
+    def joint(self, key: str = "axis") -> int:
+        """Joint of a key, counted from 0."""
+        return int(self.keys[key]) - 1
+
     def sized(self, size: float) -> Fault:
         return replace(self, size=size)
 

@@ -7,10 +7,9 @@ Each function takes the complete motion and returns the deviation of a joint (n,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 
@@ -56,22 +55,21 @@ def joint_offset(fault: Fault, trace: Trace) -> Array:
 
 def joint_scale(fault: Fault, trace: Trace) -> Array:
     """A share of the joint angle."""
-    return fault.size * trace.q[:, int(fault.keys["axis"]) - 1]
+    return fault.size * trace.q[:, fault.joint()]
 
 
 def backlash(fault: Fault, trace: Trace) -> Array:
     """A rounded backlash, reduced in proportion to the gravity load that holds the flank."""
-    axis = int(fault.keys["axis"]) - 1
+    axis = fault.joint()
     half = np.radians(fault.size) / 2
     lag = lagging(trace.q[:, axis], half, fault.rough, fault.begin)
     held = fault.shape.get("preload", 0.0) * np.tanh(trace.torque[:, axis])
-    lagged: Array = (1 - np.abs(held)) * lag + held * half
-    return lagged
+    return np.asarray((1 - np.abs(held)) * lag + held * half)
 
 
 def transmission_error(fault: Fault, trace: Trace) -> Array:
     """A sine of the joint angle; rough: with second and third harmonics."""
-    at = fault.shape["order"] * trace.q[:, int(fault.keys["axis"]) - 1] + np.radians(fault.shape["phase_deg"])
+    at = fault.shape["order"] * trace.q[:, fault.joint()] + np.radians(fault.shape["phase_deg"])
     third, second = 0.3 * fault.rough, 0.1 * fault.rough
     wave = np.sin(at) + third * np.sin(3 * at + fault.begin) + second * np.sin(2 * at + 2.0)
     return np.radians(fault.size) * wave
@@ -79,7 +77,7 @@ def transmission_error(fault: Fault, trace: Trace) -> Array:
 
 def compliance(fault: Fault, trace: Trace) -> Array:
     """Twist by the gravity torque of links and an unrecorded payload; rough: with increasing stiffness."""
-    axis = int(fault.keys["axis"]) - 1
+    axis = fault.joint()
     torque = trace.torque[:, axis] + fault.shape.get("payload_kg", 0.0) * trace.per_kg[:, axis]
     if fault.rough:
         scale = np.abs(torque).max() + 1e-9
@@ -89,7 +87,7 @@ def compliance(fault: Fault, trace: Trace) -> Array:
 
 def strain_wave(fault: Fault, trace: Trace) -> Array:
     """A twist with three stiffness regions of the torque, after a hysteresis loss."""
-    torque, knee = trace.torque[:, int(fault.keys["axis"]) - 1], fault.shape["knee_Nm"]
+    torque, knee = trace.torque[:, fault.joint()], fault.shape["knee_Nm"]
     if loss := fault.shape.get("loss", 0.0):
         torque = torque + lagging(torque, loss * knee, 0.0, fault.begin)
     corners = np.array([0.0, knee, 3.5 * knee, 1e6])
@@ -103,7 +101,7 @@ def reversal_spike(fault: Fault, trace: Trace) -> Array:
     """
     decay, share = fault.shape["decay_s"], 0.4 * fault.rough
     wound = np.zeros(len(trace.t))
-    for when, direction in trace.turns[int(fault.keys["axis"]) - 1]:
+    for when, direction in trace.turns[fault.joint()]:
         since = np.maximum(trace.t - when, 0.0)
         relaxing = (1 - share) * np.exp(-since / decay) + share * np.exp(-since / (4 * decay))
         if fault.rough:
@@ -114,33 +112,28 @@ def reversal_spike(fault: Fault, trace: Trace) -> Array:
 
 def wrist_coupling(fault: Fault, trace: Trace) -> Array:
     """A share of another axis; rough: with a slightly eccentric shared gear."""
-    q = trace.q[:, int(fault.keys["from_axis"]) - 1]
+    q = trace.q[:, fault.joint("from_axis")]
     return fault.size * (q + 0.1 * fault.rough * np.sin(q + fault.begin))
 
 
 def servo_lag(fault: Fault, trace: Trace) -> Array:
     """Difference to an earlier angle of the joint; rough: averaged over a time interval."""
-    t, q = trace.t, trace.q[:, int(fault.keys["axis"]) - 1]
-    spread = 1.0 * fault.rough
-    ago = [np.interp(t - fault.size * (1 + share), t, q) for share in (-spread, 0.0, spread)]
+    t, q = trace.t, trace.q[:, fault.joint()]
+    ago = [np.interp(t - fault.size * (1 + share), t, q) for share in (-fault.rough, 0.0, fault.rough)]
     return np.mean(ago, axis=0) - q
 
 
-ON_JOINT: MappingProxyType[str, Form] = MappingProxyType({
-    "joint_offset": joint_offset,
-    "joint_scale": joint_scale,
-    "backlash": backlash,
-    "transmission_error": transmission_error,
-    "compliance": compliance,
-    "strain_wave": strain_wave,
-    "reversal_spike": reversal_spike,
-    "wrist_coupling": wrist_coupling,
-    "servo_lag": servo_lag,
-})  # fmt: skip
+ON_JOINT: Mapping[str, Form] = {
+    form.__name__: form
+    for form in (
+        joint_offset, joint_scale, backlash, transmission_error, compliance, strain_wave, reversal_spike,
+        wrist_coupling, servo_lag,
+    )
+}  # fmt: skip
 
 
 def joint_of(fault: Fault) -> int:
-    return int(fault.keys.get("to_axis", fault.keys.get("axis", 0))) - 1
+    return fault.joint("to_axis" if "to_axis" in fault.keys else "axis")
 
 
 def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
@@ -153,7 +146,7 @@ def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
 
 def link_bending(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
     """Bending of the link end across the link, about the joint axis; rough: also sideways."""
-    axis = int(fault.keys["axis"]) - 1
+    axis = fault.joint()
     along = (at.end[:, axis + 1] if axis < 5 else at.p) - at.end[:, axis]
     across = np.cross(at.axis[:, axis], along)
     length = np.linalg.norm(across, axis=1, keepdims=True)
@@ -162,7 +155,7 @@ def link_bending(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
     return fault.size * trace.torque[:, axis, None] * across
 
 
-ON_TOOL = MappingProxyType({"thermal_growth": thermal_growth, "link_bending": link_bending})
+ON_TOOL = {"thermal_growth": thermal_growth, "link_bending": link_bending}
 
 
 def wrong_constants(constants: Constants, faults: list[Fault]) -> Constants:
@@ -170,6 +163,6 @@ def wrong_constants(constants: Constants, faults: list[Fault]) -> Constants:
         if fault.effect == "link_geometry":
             field = str(fault.keys["field"])
             column = getattr(constants, field).copy()
-            column[int(fault.keys["axis"]) - 1] += fault.size if field in ("a", "d") else np.radians(fault.size)
+            column[fault.joint()] += fault.size if field in ("a", "d") else np.radians(fault.size)
             constants = replace(constants, **{field: column})
     return constants

@@ -5,7 +5,7 @@ Motions are sampled finely, and the reading times are among the samples, so noth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,8 +94,7 @@ def lap(cell: Cell, track: Track, test: str, sense: int, stamps: Array, fine_s: 
 
 def _way(t: Array, length: float, speed: float) -> Array:
     """Arc (n,) rad driven at times t (n,) s, from rest to rest."""
-    arc: Array = speed * (_soft(t) - _soft(t - length / speed))
-    return arc
+    return np.asarray(speed * (_soft(t) - _soft(t - length / speed)))
 
 
 def _soft(t: Array) -> Array:
@@ -173,7 +172,7 @@ def visits(cell: Cell, at: dict[str, Array], order: Rows, dwell_s: Array) -> Mot
         q += [q_at[k]] * 3
         rows.append(len(t) - 2)
         now += dwell_s[k] + 0.3
-    labels = {key: at[key][order] for key in ("target", "polar", "azimuth", "orientation")}
+    labels = {key: at[key][order] for key in at if key != "q"}
     return Motion("radial", np.array(t), np.array(q), np.array(rows), cell.hemisphere, 0, labels)
 
 
@@ -198,12 +197,6 @@ def approaches(cell: Cell, at: dict[str, Array], numbers: list[int], step_mm: fl
             q.append(here)
             read.append(True)
             labels.append((number, way, turn))
-    order, dwell = np.arange(len(q)), np.full(len(q), 2.0)
-    stops = visits(
-        cell,
-        {key: np.zeros(len(q)) for key in ("target", "polar", "azimuth", "orientation")} | {"q": np.array(q)},
-        order,
-        dwell,
-    )
+    stops = visits(cell, {"q": np.array(q)}, np.arange(len(q)), np.full(len(q), 2.0))
     columns = dict(zip(("target", "approach", "round"), map(np.array, zip(*labels, strict=True)), strict=True))
-    return Motion("radial", stops.t, stops.q, stops.rows[np.array(read)], cell.hemisphere, 0, columns)
+    return replace(stops, rows=stops.rows[np.array(read)], labels=columns)

@@ -5,7 +5,7 @@ Joint effects return (n,) rad for a joint, gauge effects change the readings (n,
 
 from __future__ import annotations
 
-from types import MappingProxyType
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,33 +16,28 @@ from tests.worlds.stranger.screws import Array
 
 def cross_term(fault: Fault, trace: Trace) -> Array:
     """An error depending on the sum of two joint angles, as of two gears with beating meshes."""
-    sum_of = trace.q[:, int(fault.keys["axis"]) - 1] + trace.q[:, int(fault.keys["other"]) - 1]
+    sum_of = trace.q[:, fault.joint()] + trace.q[:, fault.joint("other")]
     return np.radians(fault.size) * np.sin(fault.shape["order"] * sum_of + np.radians(fault.shape["phase_deg"]))
 
 
 def slip(fault: Fault, trace: Trace) -> Array:
     """A jump at an angle of the joint, up in one direction and down in the other, as of a slipping coupling."""
-    q = trace.q[:, int(fault.keys["axis"]) - 1]
+    q = trace.q[:, fault.joint()]
     at = q.min() + fault.shape["share"] * np.ptp(q)
     return np.radians(fault.size) * 0.5 * (1 + np.tanh((q - at) / np.radians(0.02)))
 
 
 def speed_error(fault: Fault, trace: Trace) -> Array:
     """An error to one side that depends on the speed of the joint in either direction, 1 at 10°/s."""
-    return np.radians(fault.size) * np.abs(trace.rate[:, int(fault.keys["axis"]) - 1]) / np.radians(10.0)
+    return np.radians(fault.size) * np.abs(trace.rate[:, fault.joint()]) / np.radians(10.0)
 
 
 def foreign_friction(fault: Fault, trace: Trace) -> Array:
     """An error that depends on another joint's direction of motion, as of a dragging cable."""
-    return np.radians(fault.size) * np.tanh(trace.rate[:, int(fault.keys["other"]) - 1] / np.radians(0.3))
+    return np.radians(fault.size) * np.tanh(trace.rate[:, fault.joint("other")] / np.radians(0.3))
 
 
-OUT_JOINT: MappingProxyType[str, Form] = MappingProxyType({
-    "cross_term": cross_term,
-    "slip": slip,
-    "speed_error": speed_error,
-    "foreign_friction": foreign_friction,
-})  # fmt: skip
+OUT_JOINT: Mapping[str, Form] = {form.__name__: form for form in (cross_term, slip, speed_error, foreign_friction)}
 
 
 def dent(fault: Fault, contact: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 
 from tests.worlds.stranger.screws import Arm, Array, pose
 
+_ROUNDS = 40
 ARM_MM = 400.0
 """Lever arm in mm that makes rotations comparable with translations."""
 
@@ -14,12 +15,12 @@ class OutOfReachError(Exception):
     """The arm cannot reach a pose, or only with a jump."""
 
 
-def solve(arm: Arm, R: Array, p: Array, q: Array, rounds: int = 40) -> Array:
+def solve(arm: Arm, R: Array, p: Array, q: Array) -> Array:
     """Return angles (n, 6) rad for tool frames R (n, 3, 3), p (n, 3), starting from q (n, 6). Raises
     OutOfReachError.
     """
     size = np.full(len(q), np.inf)
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         at = pose(arm, q)
         miss = np.concatenate([p - at.p, ARM_MM * _turn(at.R, R)], axis=1)
         size = np.abs(miss).max(axis=1)
@@ -29,8 +30,7 @@ def solve(arm: Arm, R: Array, p: Array, q: Array, rounds: int = 40) -> Array:
         by_theta = np.concatenate([lever, ARM_MM * at.axis], axis=2)
         jacobian = np.einsum("nki,kj->nij", by_theta, arm.coupling)
         step = np.linalg.solve(jacobian + 1e-9 * np.eye(6), miss[:, :, None])[:, :, 0]
-        longest = np.abs(step).max(axis=1, keepdims=True)
-        q = q + step * np.minimum(1.0, 0.3 / np.maximum(longest, 1e-12))
+        q = q + step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
     if not size.max() < 1e-6:
         raise OutOfReachError(f"{size.max():.3g} mm short")
     return q

@@ -89,14 +89,15 @@ class Sight:
         `exact`.
         """
         quick = len(faults) == 1 and faults[0].effect in ON_JOINT and not exact
-        return [self._quick(faults[0], view) if quick else self._exact(faults, view) for view in self.views]
+        if quick:
+            return [self._quick(faults[0], view) for view in self.views]
+        return [
+            measure(self.cell, view.motion, faults, view.link, trace=view.trace) - view.plain for view in self.views
+        ]
 
     def _quick(self, fault: Fault, view: View) -> Array:
         deviation = ON_JOINT[fault.effect](fault, view.trace)[view.motion.rows]
         return view.by_joint[:, :, joint_of(fault)] * deviation[:, None]
-
-    def _exact(self, faults: Sequence[Fault], view: View) -> Array:
-        return measure(self.cell, view.motion, faults, view.link, trace=view.trace) - view.plain
 
     @cached_property
     def library(self) -> tuple[list[str], Array]:

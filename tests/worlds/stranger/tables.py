@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -31,28 +30,14 @@ def write_rows(
     if isinstance(marks, str):
         columns["direction"] = [marks] * len(t_s)
     else:
-        columns |= {_COLUMNS[key][0]: [_COLUMNS[key][1](x) for x in label] for key, label in marks.items()}
+        for key, label in marks.items():
+            if key in ("polar", "azimuth"):
+                columns[f"{key}_deg"] = [f"{x:.1f}" for x in np.degrees(label)]
+            else:
+                columns[key] = label.tolist()
     columns |= {f"q{k + 1}_deg": [f"{x:.6f}" for x in q[:, k]] for k in range(6)}
     columns |= {f"g{k + 1}_mm": [f"{x:.4f}" for x in g[:, k]] for k in range(g.shape[1])}
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
-
-
-def _whole(x: float) -> str:
-    return f"{x:.0f}"
-
-
-def _degrees(x: float) -> str:
-    return f"{np.degrees(x):.1f}"
-
-
-_COLUMNS = MappingProxyType({
-    "target": ("target", _whole),
-    "polar": ("polar_deg", _degrees),
-    "azimuth": ("azimuth_deg", _degrees),
-    "orientation": ("orientation", _whole),
-    "approach": ("approach", str),
-    "round": ("round", _whole),
-})  # fmt: skip

@@ -64,17 +64,11 @@ class Deviation:
     gauge: Array
 
     def __add__(self, other: Deviation) -> Deviation:
-        return Deviation(
-            self.joint + other.joint,
-            self.before + other.before,
-            self.after + other.after,
-            self.tool + other.tool,
-            self.gauge + other.gauge,
-        )
+        return Deviation(*map(np.add, vars(self).values(), vars(other).values()))
 
     def take(self, rows: NDArray[np.int64]) -> Deviation:
         """Deviations at selected times."""
-        return Deviation(self.joint[rows], self.before[rows], self.after[rows], self.tool[rows], self.gauge[rows])
+        return Deviation(*(part[rows] for part in vars(self).values()))
 
 
 def no_deviation(count: int, axes: int) -> Deviation:

@@ -36,7 +36,10 @@ class Circle:
         u, v, n = self.basis()
         r = np.cos(phi)[:, None] * u + np.sin(phi)[:, None] * v
         x = np.broadcast_to(n, r.shape)
-        return _frames(np.stack([x, np.cross(-r, x), -r], axis=2), self.centre + self.radius * r)
+        T = np.tile(np.eye(4), (len(r), 1, 1))
+        T[:, :3, :3] = np.stack([x, np.cross(-r, x), -r], axis=2)
+        T[:, :3, 3] = self.centre + self.radius * r
+        return T
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,6 @@ class Hemisphere:
 
 TOOL = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 150], [0, 0, 0, 1]])
 """Tool frame: 150 mm along the z axis of the flange, turned by 90 degrees about y, so the link points sideways."""
-
-
-def _frames(R: Array, p: Array) -> Array:
-    T = np.tile(np.eye(4), (len(p), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = R, p
-    return T
 
 
 def circle_path(arm: Arm, circle: Circle) -> tuple[Array, Array]:
@@ -139,5 +136,5 @@ def gauge_readings(tool: Array, link: Link, radius: float, test: str) -> Array:
     across = tool[:, :3, 1 if test == "yaw" else 0]
     half = BASELINE_MM / 2
     to_e, to_z = np.einsum("ni,ni->n", line, across), np.einsum("ni,ni->n", line, tool[:, :3, 2])
-    g: Array = (s[:, None] - to_e[:, None] * np.array([half, -half])) / to_z[:, None]
-    return np.asarray(g - link.zeros, dtype=np.float64)
+    g = (s[:, None] - to_e[:, None] * np.array([half, -half])) / to_z[:, None]
+    return np.asarray(g - link.zeros)

@@ -33,6 +33,12 @@ class Cause:
         raise NotImplementedError
 
     def deviation(self, arm: Arm, motion: Motion) -> Deviation:
+        found = no_deviation(len(motion.t), arm.axes)
+        self.deviate(found, arm, motion)
+        return found
+
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
+        """Write the deviations of this cause into those of a perfect arm."""
         raise NotImplementedError
 
     def describe(self) -> str:
@@ -88,11 +94,9 @@ class CubicTorsion(Cause):
         root = np.sqrt(r**2 / 4 + p**3 / 27)
         return np.asarray(np.cbrt(r / 2 + root) + np.cbrt(r / 2 - root))
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
-        torque = gravity_torque(arm, motion.q)[:, self.axis - 1]
-        found.joint[:, self.axis - 1] = self.scale * self.angle(torque)
-        return found
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
+        k = self.axis - 1
+        found.joint[:, k] = self.scale * self.angle(gravity_torque(arm, motion.q)[:, k])
 
     def describe(self) -> str:
         return f"axis {self.axis}, k1 {self.k1_nm_rad / 1e3:.0f} kNm/rad, cubic half at {self.half_nm:.0f} Nm"
@@ -127,13 +131,11 @@ class TorsionHysteresis(Cause):
             stiffness_nm_rad=min(rng.uniform(0.5, 0.9) * yields / loss, 60e3),
         )
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         k = self.axis - 1
         friction = -self.friction_nm * np.tanh(np.gradient(motion.q[:, k]) / 1e-4)
         torque = gravity_torque(arm, motion.q)[:, k] + friction
         found.joint[:, k] = self.scale * self.angle(torque)
-        return found
 
     def angle(self, torque: Array) -> Array:
         """Angle (n,) rad for a sequence of torques."""
@@ -188,14 +190,12 @@ class WanderingAxis(Cause):
             waves=np.stack([order, amplitude, rng.uniform(0, 2 * np.pi, (4, count))], axis=2),
         )
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         angle = motion.q[:, self.axis - 1]
         order, amplitude, phase = np.moveaxis(self.waves, 2, 0)
         course = (amplitude * np.cos(angle[:, None, None] * order + phase)).sum(axis=2)
         size = self.scale * np.array([self.offset_mm, self.offset_mm, self.tilt_rad, self.tilt_rad])
         found.before[:, self.axis - 1][:, [0, 1, 3, 4]] = size * course
-        return found
 
     def describe(self) -> str:
         return f"axis {self.axis}, {1e3 * self.offset_mm:.0f} µm and {1e6 * self.tilt_rad:.0f} µrad rms"
@@ -235,8 +235,7 @@ class OneSidedWarmth(Cause):
         open_share = 0.5 * (1 + np.tanh(4 * np.sin(2 * np.pi * t / self.door_s)))
         return np.asarray(self.difference_k * (1 - np.exp(-np.maximum(t, 0.0) / self.rise_s)) * (1 - 0.5 * open_share))
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         k = self.axis - 1
         length = max(abs(arm.a[k]), abs(arm.d[k]), 350.0)
         turn = self.scale * 23.5e-6 * self.warmth(motion.t) / self.height_mm * length
@@ -244,7 +243,6 @@ class OneSidedWarmth(Cause):
         across = np.roll(along, 1) * np.cos(self.direction_rad) + np.roll(along, 2) * np.sin(self.direction_rad)
         found.after[:, k, 3:] = turn[:, None] * across
         found.after[:, k, :3] = turn[:, None] * length / 2 * np.cross(across, along)
-        return found
 
     def describe(self) -> str:
         return f"link {self.axis}, {self.difference_k:.1f} K over {self.height_mm:.0f} mm, rises in {self.rise_s:.0f} s"
@@ -292,12 +290,10 @@ class CableDrag(Cause):
         pull = self.pull_nm * np.tanh(tight / np.radians(40.0))
         return np.asarray(-pull[:, None] * bent / np.maximum(reach, 1e-9)[:, None])
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         k, pull = self.axis - 1, self.scale * self.pull(motion.q)
         found.joint[:, k : k + 2] = pull / self.wrist_nm_rad
         found.joint[:, k - 1] = pull[:, 1] / self.wrist_nm_rad / 2
-        return found
 
     def describe(self) -> str:
         return f"wrist, up to {self.pull_nm:.0f} Nm beyond {np.degrees(self.slack_rad):.0f}°"
@@ -323,10 +319,8 @@ class ToolSlip(Cause):
         jump = log_uniform(rng, 0.10, 0.50) * way / np.linalg.norm(way)
         return cls(at_share=rng.uniform(0.3, 0.7), jump_mm=jump, span_s=1.0)
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         found.tool[motion.t > self.at_share * self.span_s] = self.scale * self.jump_mm
-        return found
 
     def describe(self) -> str:
         return f"{1e3 * np.linalg.norm(self.jump_mm):.0f} µm after {100 * self.at_share:.0f} % of the time"
@@ -359,8 +353,7 @@ class BallStickSlip(Cause):
             seed=int(rng.integers(2**31)),
         )
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         rng = np.random.default_rng([self.seed, int(1e3 * motion.t[0])])
         R = forward(arm, motion.q).flange[:, :3, :3]
         change = np.diff(R, axis=0, prepend=R[:1])
@@ -368,7 +361,6 @@ class BallStickSlip(Cause):
         turned = np.linalg.norm(change, axis=(1, 2)) / np.sqrt(2)
         way = np.sign((np.cross(R, change, axis=1).sum(axis=2))[:, 2])
         found.gauge[:] = (self.scale * self._sawtooth(self.ball_mm * turned * way, rng))[:, None] * self.weights
-        return found
 
     def _sawtooth(self, way_mm: Array, rng: np.random.Generator) -> Array:
         """Deflection (n,) mm of the link end after each step of the cup on the ball."""
@@ -411,10 +403,9 @@ class InterpolationError(Cause):
             rounding=rng.uniform(0.1, 0.4),
         )
 
-    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        found = no_deviation(len(motion.t), arm.axes)
+    def deviate(self, found: Deviation, arm: Arm, motion: Motion) -> None:
         if not motion.sense:
-            return found
+            return
         t, q = motion.t, motion.q
         acceleration = np.gradient(np.gradient(q, t, axis=0, edge_order=2), t, axis=0, edge_order=2)
         bend = np.gradient(np.gradient(q, motion.phi, axis=0, edge_order=2), motion.phi, axis=0, edge_order=2)
@@ -422,7 +413,6 @@ class InterpolationError(Cause):
         sagitta = part * (1 - part) / 2 * (1 - self.rounding * np.cos(2 * np.pi * part))
         # A chord lies inside the arc, and a filter cuts the corner: both are proportional to the second derivative.
         found.joint[:] = self.scale * (self.filter_s**2 * acceleration + self.chord_rad**2 * sagitta[:, None] * bend)
-        return found
 
     def describe(self) -> str:
         return f"chords of {np.degrees(self.chord_rad):.1f}°, filters of {1e3 * self.filter_s.max():.0f} ms at most"

@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.linalg import orth
 
 from tests.worlds.unknown.arms import (
     Arm,
@@ -49,6 +50,7 @@ RATE_HZ = 25.0
 RUN_APART_S = 180.0
 BALL_MM = np.array([50.0, 20.0, 100.0])
 SOCKETS = {"A": np.array([-600.0, -250.0, 150.0]), "B": np.array([-600.0, 150.0, 150.0])}
+CONSTANTS = ("a", "alpha", "d", "zero")
 LEAST_NOISES, LEAST_OF_ITSELF, LEAST_OF_OTHERS, MOST_TRIES = 3.0, 0.15, 0.3, 40
 """Minimum residual of an unknown cause after fitting constants and set-up: three times the noise, 0.15 of the
 complete cause, and 0.3 of the other errors of the arm (a tenth of their energy). Causes that constants imitate
@@ -83,13 +85,7 @@ class Known:
 
     def arm(self, nominal: Arm) -> Arm:
         """Nominal arm with these deviations added to its constants."""
-        return replace(
-            nominal,
-            a=nominal.a + self.a,
-            alpha=nominal.alpha + self.alpha,
-            d=nominal.d + self.d,
-            zero=nominal.zero + self.zero,
-        )
+        return replace(nominal, **{name: getattr(nominal, name) + getattr(self, name) for name in CONSTANTS})
 
     def deviation(self, arm: Arm, motion: Motion) -> Deviation:
         """Deviations by backlash, gears and compliance along a motion."""
@@ -298,14 +294,12 @@ def runs(cell: Cell) -> list[Run]:
     return found
 
 
-def _joint_columns(q: Array) -> dict[str, Any]:
-    return {f"q{k + 1}_deg": np.round(np.degrees(q[:, k]), 5) for k in range(q.shape[1])}
+def _joint_columns(q: Array, suffix: str = "") -> dict[str, Any]:
+    return {f"q{k + 1}{suffix}_deg": np.round(np.degrees(q[:, k]), 5) for k in range(q.shape[1])}
 
 
 def _approach_columns(cell: Cell, q: Array) -> dict[str, Any]:
-    before = np.concatenate([q[:1], q[:-1]])
-    columns = {f"q{k + 1}_from_deg": np.round(np.degrees(before[:, k]), 5) for k in range(q.shape[1])}
-    return columns if cell.states_approach else {}
+    return _joint_columns(np.concatenate([q[:1], q[:-1]]), "_from") if cell.states_approach else {}
 
 
 def _pose_columns(cell: Cell, _: str, motion: Motion, deviation: Deviation, rng: np.random.Generator) -> dict[str, Any]:
@@ -315,10 +309,9 @@ def _pose_columns(cell: Cell, _: str, motion: Motion, deviation: Deviation, rng:
     return columns | {f"{axis}_mm": np.round(places[:, k], 4) for k, axis in enumerate("xyz")}
 
 
-def true_points(cell: Cell, q: Array, deviation: Deviation, target: Array | None = None) -> Array:
-    """True target positions (n, 3) mm in the tracker frame."""
-    flange = forward(cell.arm, q, deviation).flange
-    places = point(flange, (cell.target if target is None else target) + deviation.tool)
+def true_points(cell: Cell, q: Array, deviation: Deviation) -> Array:
+    """True positions (n, 3) mm of the target in the tracker frame, or of the pointer's ball."""
+    places = point(forward(cell.arm, q, deviation).flange, tool_point(cell) + deviation.tool)
     return places @ cell.frame[:3, :3].T + cell.frame[:3, 3]
 
 
@@ -333,13 +326,8 @@ def _touch_columns(
         chain = forward(cell.arm, q, deviation)
         ball = point(chain.flange, BALL_MM + cell.target + deviation.tool)
         jacobian = np.cross(chain.axis, ball[:, None] - chain.origin)
-        q = q + np.einsum("nki,ni->nk", jacobian, _least_norm(jacobian, sockets - ball))
+        q = q + ((sockets - ball)[:, None] @ np.linalg.pinv(jacobian))[:, 0]
     return {"socket": ["AB"[k % 2] for k in range(len(q))]} | _joint_columns(q) | _approach_columns(cell, q)
-
-
-def _least_norm(jacobian: Array, error: Array) -> Array:
-    normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
-    return np.asarray(np.linalg.solve(normal, error[:, :, None])[:, :, 0])
 
 
 def _gauge_columns(
@@ -395,11 +383,8 @@ def seen_without_noise(cell: Cell, planned: Planned) -> Array:
         deviation = cell.deviation(motion).take(motion.rows)
         if cell.test == "circle":
             found.append(true_gauges(cell, test, motion, deviation).ravel())
-        elif cell.test == "pose":
-            found.append(true_points(cell, motion.q_read, deviation).ravel())
         else:
-            target = BALL_MM + cell.target
-            found.append(true_points(cell, motion.q_read, deviation, target).ravel())
+            found.append(true_points(cell, motion.q_read, deviation).ravel())
     return np.concatenate(found)
 
 
@@ -418,32 +403,34 @@ class Sight:
         """Cell with a cause, its rms, and its residual after fitting constants and set-up."""
         cell = replace(self.cell, cause=cause)
         change = seen_without_noise(cell, self.planned) - self.without
-        rest = change - self.basis @ (self.basis.T @ change)
-        sizes = [1e3 * float(np.sqrt(np.mean(part**2))) for part in (change - change.mean(), rest)]
-        return replace(cell, cause_um=sizes[0], foreign_um=sizes[1], healthy_um=self.healthy_um)
+        cause_um, foreign_um = rms_um(change - change.mean()), rms_um(remainder(self.basis, change))
+        return replace(cell, cause_um=cause_um, foreign_um=foreign_um, healthy_um=self.healthy_um)
 
 
 def sight_of(cell: Cell) -> Sight:
     """Readings that constants and set-up of a sound cell can imitate."""
     planned = motions(cell)
-    without = seen_without_noise(cell, planned)
+    sound = seen_without_noise(cell, planned)
     perfect = seen_without_noise(replace(cell, known=no_known(cell.nominal.axes)), planned)
     by_setup = _by_setup(cell, planned)
-    own = _orthonormal(by_setup)
-    healthy = without - perfect - own @ (own.T @ (without - perfect))
-    basis = _orthonormal(np.concatenate([_by_constants(cell, planned), by_setup], axis=1))
-    return Sight(cell, planned, without, basis, 1e3 * float(np.sqrt(np.mean(healthy**2))))
+    healthy = remainder(orth(by_setup, 1e-9), sound - perfect)
+    basis = orth(np.concatenate([_by_constants(cell, planned), by_setup], axis=1), 1e-9)
+    return Sight(cell, planned, sound, basis, rms_um(healthy))
 
 
-def _orthonormal(A: Array) -> Array:
-    U, sizes, _ = np.linalg.svd(A, full_matrices=False)
-    return U[:, sizes > 1e-9 * sizes[0]]
+def remainder(basis: Array, x: Array) -> Array:
+    """Remove the part of x (n,) in the span of an orthonormal basis (n, p)."""
+    return x - basis @ (basis.T @ x)
+
+
+def rms_um(x: Array) -> float:
+    return 1e3 * float(np.sqrt(np.mean(x**2)))
 
 
 def _by_constants(cell: Cell, planned: Planned) -> Array:
     """Derivatives (n, p) of all readings by the constants of the arm."""
     changed = []
-    for name, step in (("a", 0.01), ("alpha", 1e-5), ("d", 0.01), ("zero", 1e-5)):
+    for name, step in zip(CONSTANTS, (0.01, 1e-5, 0.01, 1e-5), strict=True):
         for k in range(cell.nominal.axes):
             constants = getattr(cell.known, name).copy()
             constants[k] += step
@@ -474,31 +461,19 @@ def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Planned) -> Array
 def _by_run(cell: Cell, planned: Planned) -> Array:
     """Possible shifts (n, p) by each socket, or by the set-up of each ball link test."""
     if cell.test == "touch":
-        socket = np.arange(TOUCHES) % 2
-        return np.concatenate([np.kron((socket == k)[:, None], np.eye(3)) for k in (0, 1)], axis=1)
+        return np.kron(np.equal.outer(np.arange(TOUCHES) % 2, (0, 1)), np.eye(3))
     if cell.test == "pose":
         return np.zeros((3 * len(planned[0][3].rows), 0))
-    columns: list[Array] = []
-    for chosen in dict.fromkeys(test for _, test, _, _ in planned):
-        for gauge in (0, 1):
-            parts = []
-            for _, test, _, motion in planned:
-                part = np.zeros((len(motion.rows), 1 if test == "radial" else 2))
-                if test == chosen and gauge < part.shape[1]:
-                    part[:, gauge] = 1.0
-                parts.append(part.ravel())
-            columns.append(np.concatenate(parts))
-        for k in range(3):
-            moved = replace(cell, link=replace(cell.link, ball=cell.link.ball + 0.01 * np.eye(3)[k]))
-            change = seen_without_noise(moved, planned) - seen_without_noise(cell, planned)
-            own = np.concatenate(
-                [
-                    np.full(len(motion.rows) * (1 if test == "radial" else 2), float(test == chosen))
-                    for _, test, _, motion in planned
-                ]
-            )
-            columns.append(change * own / max(float(np.linalg.norm(change * own)), 1e-9))
-    return np.stack(columns, axis=1)
+    readings = [
+        (test, gauge)
+        for _, test, _, motion in planned
+        for _ in motion.rows
+        for gauge in range(1 if test == "radial" else 2)
+    ]
+    of_test, of_gauge = (np.array(part) for part in zip(*readings, strict=True))
+    moved = [replace(cell, link=replace(cell.link, ball=cell.link.ball + step)) for step in 0.01 * np.eye(3)]
+    shifts = np.concatenate([np.equal.outer(of_gauge, (0, 1)), _derivatives(cell, moved, planned)], axis=1)
+    return np.concatenate([shifts * (of_test == test)[:, None] for test in dict.fromkeys(of_test.tolist())], axis=1)
 
 
 # --- drawing

@@ -15,6 +15,8 @@ from tests.worlds.unknown.cells import (
     Sight,
     draw_sound,
     noise_um,
+    remainder,
+    rms_um,
     seen_without_noise,
     sight_of,
 )
@@ -72,8 +74,7 @@ def _is_visible(fault: Fault, sight: Sight) -> bool:
         return True
     cell = replace(sight.cell, known=fault.added_to(sight.cell.known))
     change = seen_without_noise(cell, sight.planned) - sight.without
-    rest = change - sight.basis @ (sight.basis.T @ change)
-    return 1e3 * float(np.sqrt(np.mean(rest**2))) >= LEAST_NOISES * noise_um(cell)
+    return rms_um(remainder(sight.basis, change)) >= LEAST_NOISES * noise_um(cell)
 
 
 def draw_faulty(seed: int) -> tuple[Cell, list[str]]:

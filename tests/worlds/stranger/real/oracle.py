@@ -227,10 +227,9 @@ def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str
 def _in_channels(blocks: dict[tuple[int, int], Array]) -> Array:
     """Convert covariances of two gauges to those of their mean and difference."""
     T = _TO_CHANNELS
-    rows = [
-        [sum(T[c, a] * T[d, b] * blocks[a, b] for a in range(2) for b in range(2)) for d in range(2)] for c in range(2)
-    ]
-    return np.block(rows)  # type: ignore[arg-type]
+    n = len(blocks[0, 0])
+    covariance = np.array([[blocks[a, b] for b in range(2)] for a in range(2)])
+    return np.einsum("ca,db,abmn->cmdn", T, T, covariance, optimize=True).reshape(2 * n, 2 * n)
 
 
 def slow_covariance(lag_s: Array, tau_s: float) -> Array:
