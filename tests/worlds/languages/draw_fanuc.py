@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.languages.arms import Array
-from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
+from tests.worlds.languages.drawing import WORDS, Draft, Pen
 from tests.worlds.languages.fanuc import config_letters
 
 
@@ -33,42 +33,41 @@ class _Scope:
     depth: int = 0
 
 
-class Writer:
+class Writer(Pen):
     """Generator of a program and the programs it calls."""
 
-    def __init__(self, pen: Pen) -> None:
-        self.pen = pen
-        self.tools = {1: pen.tool(), 2: pen.tool()}
-        self.frames = {0: np.eye(4), 1: pen.user_frame(), 3: pen.user_frame()}
-        self.others: list[tuple[str, str]] = []
+    dialect = "fanuc"
+
+    def __init__(self, seed: int, *, plain: bool) -> None:
+        super().__init__(seed, plain=plain)
+        self.tools = {1: self.tool(), 2: self.tool()}
+        self.frames = {0: np.eye(4), 1: self.user_frame(), 3: self.user_frame()}
         self.files: dict[str, bytes] = {}
-        self.groups = pen.maybe(0.2)
+        self.groups = self.maybe(0.2)
         """True if the cell has a second motion group, such as a spot welding gun."""
 
     def draft(self) -> Draft:
-        pen = self.pen
-        if pen.plain:
+        if self.plain:
             for name, on in (("GRIP_OPEN", "OFF"), ("GRIP_CLOSE", "ON")):
                 other = _Text(name)
                 other.lines = [f"  DO[1]={on}", "  WAIT    .30(sec)"]
                 self._write(other)
-                self.others.append((name, "still"))
-        for _ in range(0 if pen.plain else pen.whole(0, 3)):
+                self.routines.append((name, "still"))
+        for _ in range(0 if self.plain else self.whole(0, 3)):
             self._routine()
         text = _Text("PICK_PART")
-        scope = _Scope(text, pen.pick([0, 1]), 1)
+        scope = _Scope(text, self.pick([0, 1]), 1)
         begin = [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}"]
-        text.lines += begin if pen.plain or pen.maybe(0.85) else begin[:1]
-        text.lines += self.joint(scope, pen.near())
-        for _ in range(pen.whole(4, 9)):
+        text.lines += begin if self.plain or self.maybe(0.85) else begin[:1]
+        text.lines += self.joint(scope, self.near())
+        for _ in range(self.whole(4, 9)):
             text.lines += self.line(scope)
         self._write(text)
-        tools = pen.stated(self.tools, 0.9)
-        frames = pen.stated({k: T for k, T in self.frames.items() if k}, 0.9)
-        return Draft("fanuc", self.files, "PICK_PART.LS", ("PICK_PART.LS",), tools, frames, pen.plain)
+        tools = self.stated(self.tools, 0.9)
+        frames = self.stated({k: T for k, T in self.frames.items() if k}, 0.9)
+        return Draft(self.dialect, self.files, "PICK_PART.LS", ("PICK_PART.LS",), tools, frames, self.plain)
 
     def _write(self, text: _Text) -> None:
-        pen = self.pen
         rows, number = [], 0
         for line in text.lines:
             first, *rest = line.split("\n")
@@ -82,8 +81,8 @@ class Writer:
             number += 1
             rows.append(f"{number:4d}:{first}" + (" ;" if not rest else "    "))
             rows += [f"    :{one} ;" for one in rest]
-        track = pen.pick(["", "", "/APPL\n\nAUTO_SINGULARITY_HEADER;\n  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;\n"])
-        if not pen.plain and pen.maybe(0.08):
+        track = self.pick(["", "", "/APPL\n\nAUTO_SINGULARITY_HEADER;\n  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;\n"])
+        if not self.plain and self.maybe(0.08):
             track = "/APPL\n  LINE_TRACK;\n    LINE_TRACK_SCHEDULE_NUMBER      : 1;\n    LINE_TRACK_BOUNDARY_NUMBER      : 1;\n    CONTINUE_TRACK_AT_PROG_END      : FALSE;\n"
         head = (
             f"/PROG  {text.name}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= \"P[1] X = 1.0\";\nPROG_SIZE\t= 512;\n"
@@ -93,32 +92,31 @@ class Writer:
             "      ABORT_REQUEST\t= 0,\n      PAUSE_REQUEST\t= 0;\nDEFAULT_GROUP\t= 1,*,*,*,*;\nCONTROL_CODE\t= 00000000 00000000;\n"
         )  # fmt: skip
         body = "\n".join([*rows, "/POS", *text.positions, "/END"]) + "\n"
-        self.files[f"{text.name}.LS"] = pen.coded(head + track + "/MN\n" + body, crlf=True)
+        self.files[f"{text.name}.LS"] = self.coded(head + track + "/MN\n" + body, crlf=True)
 
     def _routine(self) -> None:
-        pen = self.pen
-        name, what = pen.name(), pen.pick(["moves", "tool", "frame", "mixed", "offset", "select"])
+        name, what = self.name(), self.pick(["moves", "tool", "frame", "mixed", "offset", "select"])
         other = _Text(name)
         scope = _Scope(other, 1, 1, 1)
         if what == "moves":
-            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(scope, pen.astray())]
+            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(scope, self.astray())]
         elif what == "mixed":
             lines = [one for _ in range(3) for one in self.line(scope)]
             other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *lines]
         elif what == "offset":
             other.lines = ["  OFFSET CONDITION PR[9]"]
         elif what == "select":
-            other.lines = [f"  UTOOL_NUM={pen.pick([1, 2])}"]
+            other.lines = [f"  UTOOL_NUM={self.pick([1, 2])}"]
         else:
             other.lines = self.setting(what)
         self._write(other)
-        self.others.append((name, what))
+        self.routines.append((name, what))
 
     def line(self, scope: _Scope) -> list[str]:
-        """Return one or more random lines of a program. They contain difficult statements unless `pen.plain` is set."""
+        """Return one or more random lines of a program. They contain difficult statements unless `self.plain` is set."""
         plain = [
             (3.0, self.move),
-            (1.0, lambda scope: self.joint(scope, self.pen.near())),
+            (1.0, lambda scope: self.joint(scope, self.near())),
             (0.4, self.again),
             (0.4, self.arc),
             (0.4, self.approach),
@@ -128,32 +126,31 @@ class Writer:
         ]
         wild = [
             (0.8, self.offset),
-            (0.7, lambda _: self.setting(self.pen.pick(["tool", "frame"]))),
+            (0.7, lambda _: self.setting(self.pick(["tool", "frame"]))),
             (0.5, self.select),
             (0.4, self.changed),
             (0.3, lambda _: self.unknown()),
             (0.3, self.jump),
         ]
-        return drawn(self.pen, scope, plain, wild)
+        return self.drawn(scope, plain, wild)
 
     def position(self, scope: _Scope, q: Array, *, joints: bool = False) -> int:
         """Teach a position, and return its number."""
-        pen = self.pen
         scope.text.count += 1
         k = scope.text.count
-        comment = pen.pick(["", f':"PUNKT{k}"'])
+        comment = self.pick(["", f':"PUNKT{k}"'])
         degrees = np.degrees(q)
         extra = ""
         if self.groups:
             extra = f"\n   GP2:\n\tUF : {scope.uf}, UT : {scope.ut},\t\n\tJ1=     12.500  mm"
-        if not pen.plain and pen.maybe(0.03):
+        if not self.plain and self.maybe(0.03):
             extra = f",\n\tE1=   150.000  mm{extra}"
-        uf = "F" if not pen.plain and pen.maybe(0.05) else str(scope.uf)
+        uf = "F" if not self.plain and self.maybe(0.05) else str(scope.uf)
         if joints:
             one = [f"J{axis}={angle:10.3f} deg" for axis, angle in enumerate(degrees, start=1)]
             inside = f"\tUF : {uf}, UT : {scope.ut},\t\n\t" + ",\t".join(one[:3]) + ",\n\t" + ",\t".join(one[3:])
         else:
-            X = np.linalg.inv(self.frames[scope.uf]) @ pen.flange(q) @ self.tools[scope.ut]
+            X = np.linalg.inv(self.frames[scope.uf]) @ self.flange(q) @ self.tools[scope.ut]
             x, y, z = X[:3, 3]
             w, p, r = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
             inside = (
@@ -165,9 +162,8 @@ class Writer:
         return k
 
     def move(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        k = self.position(scope, pen.near())
-        kind = pen.pick(
+        k = self.position(scope, self.near())
+        kind = self.pick(
             [
                 f"J P[{k}] 30% CNT50",
                 f"L P[{k}] 200mm/sec FINE",
@@ -175,19 +171,19 @@ class Writer:
                 f"J P[{k}] 100% CNT100 TB    .10sec,DO[5]=ON",
             ]
         )
-        after = pen.pick(["", "", "", "\n  Arc Start[1]    ", "\n  SPOT[SD=1,P=1,S=1,ED=1]    ", "logic"])
-        if pen.plain or after != "logic":
+        after = self.pick(["", "", "", "\n  Arc Start[1]    ", "\n  SPOT[SD=1,P=1,S=1,ED=1]    ", "logic"])
+        if self.plain or after != "logic":
             return [f"{kind}    {'' if after == 'logic' else after}"]
-        action = pen.pick([["  DO[1]=ON", "  WAIT (DI[2])"], ["  TC_ONLINE (ON)", *self.call()], self.setting("tool")])
+        action = self.pick([["  DO[1]=ON", "  WAIT (DI[2])"], ["  TC_ONLINE (ON)", *self.call()], self.setting("tool")])
         return [f"J P[{k}] 100% CNT0 ACC100 TB   0.00sec,P-SPS    ", *(f"\v{one}" for one in action), "\v"]
 
     def again(self, scope: _Scope) -> list[str]:
         if not scope.text.count:
             return self.move(scope)
-        return [f"L P[{self.pen.whole(1, scope.text.count)}] 100mm/sec FINE    "]
+        return [f"L P[{self.whole(1, scope.text.count)}] 100mm/sec FINE    "]
 
     def arc(self, scope: _Scope) -> list[str]:
-        a, b = (self.position(scope, self.pen.near()) for _ in range(2))
+        a, b = (self.position(scope, self.near()) for _ in range(2))
         return [f"C P[{a}]    \n  P[{b}] 100mm/sec FINE    "]
 
     def joint(self, scope: _Scope, q: Array) -> list[str]:
@@ -195,87 +191,79 @@ class Writer:
         return [f"J P[{self.position(scope, q, joints=True)}] 20% FINE    "]
 
     def harmless(self) -> list[str]:
-        pen = self.pen
         return [
-            pen.pick(["  DO[3]=ON", "  WAIT    .50(sec)", "  WAIT DI[2]=ON", f"  !{pen.pick(WORDS)[:30]}", "  R[1]=R[1]+1",
+            self.pick(["  DO[3]=ON", "  WAIT    .50(sec)", "  WAIT DI[2]=ON", f"  !{self.pick(WORDS)[:30]}", "  R[1]=R[1]+1",
                       "  OVERRIDE=50%", "  //L P[1] 200mm/sec FINE", "  PAYLOAD[1]", "  MESSAGE[P[4] X = 3.0 mm]", "  TIMER[1]=START", ""])
         ]  # fmt: skip
 
     def call(self) -> list[str]:
-        if not self.others:
+        if not self.routines:
             return self.harmless()
-        name = self.pen.pick(self.others)[0]
-        return [self.pen.pick([f"  CALL {name}    ", f"  IF DI[4]=ON,CALL {name}"])]
+        name = self.pick(self.routines)[0]
+        return [self.pick([f"  CALL {name}    ", f"  IF DI[4]=ON,CALL {name}"])]
 
     def block(self, scope: _Scope) -> list[str]:
-        pen = self.pen
         if scope.depth > 1:
             return self.harmless()
         inner = replace(scope, depth=scope.depth + 1)
-        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(inner)]
+        body = [one for _ in range(self.whole(1, 3)) for one in self.line(inner)]
         scope.text.labels += 1
         label = f"LBL[{scope.text.labels}]"
-        head, end = pen.pick(
+        head, end = self.pick(
             [(["  IF (DI[1]=ON) THEN"], ["  ENDIF"]), (["  FOR R[2]=1 TO 3"], ["  ENDFOR"]), (["  IF (R[1]>2) THEN"], ["  ELSE", "  DO[1]=OFF", "  ENDIF"]),
              ([f"  IF DI[1]=OFF,JMP {label}"], [f"  {label}"]), ([f"  {label}"], [f"  IF R[1]<5,JMP {label}"])]
         )  # fmt: skip
         return [*head, *body, *end]
 
     def offset(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        k = self.position(scope, pen.near())
-        how = pen.pick(["Offset,PR[3]", "Tool_Offset,PR[4]", "Offset", "VOFFSET,VR[1]", "INC", "COORD", "TB .10sec,DO[5]=ON Offset,PR[3]"])  # fmt: skip
-        before = ["  OFFSET CONDITION PR[3]"] if how == "Offset" and pen.maybe(0.5) else []
-        literal = ["  PR[3]=LPOS-LPOS", f"  PR[3,3]={pen.rng.uniform(2, 50):.1f}"] if pen.maybe(0.3) else []
-        again = [f"L P[{k}] 100mm/sec FINE    "] if pen.maybe(0.6) else []
+        k = self.position(scope, self.near())
+        how = self.pick(["Offset,PR[3]", "Tool_Offset,PR[4]", "Offset", "VOFFSET,VR[1]", "INC", "COORD", "TB .10sec,DO[5]=ON Offset,PR[3]"])  # fmt: skip
+        before = ["  OFFSET CONDITION PR[3]"] if how == "Offset" and self.maybe(0.5) else []
+        literal = ["  PR[3]=LPOS-LPOS", f"  PR[3,3]={self.rng.uniform(2, 50):.1f}"] if self.maybe(0.3) else []
+        again = [f"L P[{k}] 100mm/sec FINE    "] if self.maybe(0.6) else []
         return [*literal, *before, f"L P[{k}] 100mm/sec FINE {how}    ", *again]
 
     def approach(self, scope: _Scope) -> list[str]:
         """An approach from above, using a position register set by the program."""
-        pen = self.pen
-        k = self.position(scope, pen.near())
+        k = self.position(scope, self.near())
         zeros = [f"  PR[12,{axis}]=0" for axis in (1, 2, 4, 5, 6)]
-        z = pen.pick([10, 20, 30, 50])
-        how = pen.pick([(f"  PR[12,3]={z}", "Offset,PR[12]"), (f"  PR[12,3]=(-{z})", "Tool_Offset,PR[12]")])
+        z = self.pick([10, 20, 30, 50])
+        how = self.pick([(f"  PR[12,3]={z}", "Offset,PR[12]"), (f"  PR[12,3]=(-{z})", "Tool_Offset,PR[12]")])
         return [*zeros, how[0], f"L P[{k}] 200mm/sec FINE {how[1]}    ", f"L P[{k}] 100mm/sec FINE    "]
 
     def setting(self, what: str) -> list[str]:
         """Return lines that change a tool or a frame in the controller."""
-        pen = self.pen
         name, numbers = ("UTOOL", [1, 2]) if what == "tool" else ("UFRAME", [1, 3])
-        k = pen.pick(numbers)
-        lines = pen.pick(
-            [[f"  {name}[{k}]=PR[5]"], [f"  PR[6]={name}[{k}]", f"  PR[6,3]={pen.rng.uniform(60, 150):.1f}", f"  {name}[{k}]=PR[6]"],
+        k = self.pick(numbers)
+        lines = self.pick(
+            [[f"  {name}[{k}]=PR[5]"], [f"  PR[6]={name}[{k}]", f"  PR[6,3]={self.rng.uniform(60, 150):.1f}", f"  {name}[{k}]=PR[6]"],
              [f"  {name}_NUM={k}", f"  {name}[{k}]=PR[7:kamera]"]]
         )  # fmt: skip
-        return pen.inside(0.3, "  IF (DI[7]=ON) THEN", lines, "  ENDIF", "")
+        return self.inside(0.3, "  IF (DI[7]=ON) THEN", lines, "  ENDIF", "")
 
     def select(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        if pen.maybe(0.2):
-            return [pen.pick(["  UFRAME_NUM=R[5]", "  UTOOL_NUM=R[6]"]), *self.move(scope)]
-        scope.uf, scope.ut = pen.pick([0, 1, 3]), pen.pick([1, 2])
+        if self.maybe(0.2):
+            return [self.pick(["  UFRAME_NUM=R[5]", "  UTOOL_NUM=R[6]"]), *self.move(scope)]
+        scope.uf, scope.ut = self.pick([0, 1, 3]), self.pick([1, 2])
         return [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}", *self.move(scope)]
 
     def changed(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        k = self.position(scope, pen.near())
-        lines = [pen.pick([f"  P[{k}]=PR[8]", f"  P[{k},3]=R[4]", f"  PR[8]=P[{k}]"])]
-        lines = lines if pen.maybe(0.6) else ["  IF (DI[8]=ON) THEN", *lines, "  ENDIF"]
+        k = self.position(scope, self.near())
+        lines = [self.pick([f"  P[{k}]=PR[8]", f"  P[{k},3]=R[4]", f"  PR[8]=P[{k}]"])]
+        lines = lines if self.maybe(0.6) else ["  IF (DI[8]=ON) THEN", *lines, "  ENDIF"]
         return [
             *lines,
             f"L P[{k}] 100mm/sec FINE    ",
-            pen.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"]),
+            self.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"]),
         ]
 
     def unknown(self) -> list[str]:
-        pen = self.pen
-        return [pen.pick([f"  CALL {pen.name()}    ", "  CALL VISION_FIND(1)", f"  RUN {pen.name()}"])]
+        return [self.pick([f"  CALL {self.name()}    ", "  CALL VISION_FIND(1)", f"  RUN {self.name()}"])]
 
     def jump(self, scope: _Scope) -> list[str]:
-        if scope.depth or not self.others:
+        if scope.depth or not self.routines:
             return self.harmless()
         scope.text.labels += 2
         a, b = scope.text.labels - 1, scope.text.labels
-        return [f"  SELECT R[1]=1,CALL {self.pen.pick(self.others)[0]}", f"\t       =2,JMP LBL[{a}]", f"\t       ELSE,JMP LBL[{b}]", f"  LBL[{a}]",
+        return [f"  SELECT R[1]=1,CALL {self.pick(self.routines)[0]}", f"\t       =2,JMP LBL[{a}]", f"\t       ELSE,JMP LBL[{b}]", f"  LBL[{a}]",
                 *self.setting("tool"), f"  LBL[{b}:weiter]", *self.move(scope)]  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.languages.arms import Array, frame, placed
-from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
+from tests.worlds.languages.drawing import WORDS, Draft, Pen
 
 
 @dataclass
@@ -31,77 +31,72 @@ def pose(T: Array) -> str:
     return f"p[{_numbers(np.array([*(T[:3, 3] / 1e3), *Rotation.from_matrix(T[:3, :3]).as_rotvec()]))}]"
 
 
-class Writer:
+class Writer(Pen):
     """Generator of a program."""
 
-    def __init__(self, pen: Pen) -> None:
-        self.pen = pen
-        self.routines: list[tuple[str, str]] = []
-        self.texts: list[str] = []
-        self.count = 0
+    dialect = "ur"
 
     def draft(self) -> Draft:
-        pen = self.pen
-        tool = pen.tool()
+        tool = self.tool()
         scope = _Scope(tool)
         body = self._opening(scope)
-        if pen.plain:
+        if self.plain:
             for name, on in (("gripper_open", False), ("gripper_close", True)):
                 self.routines.append((name, "still"))
                 self.texts.append(f"def {name}():\n  set_tool_digital_out(0, {on})\n  sleep(0.5)\nend")
-        for _ in range(0 if pen.plain else pen.whole(0, 3)):
+        for _ in range(0 if self.plain else self.whole(0, 3)):
             self._routine(scope)
-        for _ in range(pen.whole(4, 9)):
+        for _ in range(self.whole(4, 9)):
             body += self.line(scope)
         stated = {}
-        if not body[0].startswith("set_tcp(p[") or (not pen.plain and pen.maybe(0.1)):
+        if not body[0].startswith("set_tcp(p[") or (not self.plain and self.maybe(0.1)):
             stated = {"tcp": tool}
-        name = pen.pick(["prog", "Program_1", "pick_and_place"])
+        name = self.pick(["prog", "Program_1", "pick_and_place"])
         lines = [f"def {name}():", *("  " + one for one in body), "end"]
-        if pen.maybe(0.5):
+        if self.maybe(0.5):
             lines.insert(1, "\n".join("  " + one for text in self.texts for one in text.split("\n")))
         else:
             lines = [*self.texts, *lines]
-        if pen.maybe(0.5):
+        if self.maybe(0.5):
             lines.append(f"{name}()")
         text = "\n".join(line for line in lines if line) + "\n"
-        return Draft("ur", {"prog.script": pen.coded(text)}, "prog.script", ("prog.script",), stated, {}, pen.plain)
+        return Draft(
+            self.dialect, {"prog.script": self.coded(text)}, "prog.script", ("prog.script",), stated, {}, self.plain
+        )
 
     def _opening(self, scope: _Scope) -> list[str]:
-        pen = self.pen
         begin = [f"set_tcp({pose(scope.tool)})"]
-        if not pen.plain and pen.maybe(0.3):
-            begin = pen.pick(
+        if not self.plain and self.maybe(0.3):
+            begin = self.pick(
                 [
                     [],
                     [f"tcp_1 = {pose(scope.tool)}", "set_tcp(tcp_1)"],
                     ["if get_standard_digital_in(1):", f"  set_tcp({pose(scope.tool)})", "end"],
-                    [f"movej([{_numbers(pen.near())}], a=1.4, v=1.05)", f"set_tcp({pose(scope.tool)})"],
+                    [f"movej([{_numbers(self.near())}], a=1.4, v=1.05)", f"set_tcp({pose(scope.tool)})"],
                 ]
             )
-        elif pen.plain and pen.maybe(0.3):
+        elif self.plain and self.maybe(0.3):
             begin = []
-        return [*begin, "set_payload(1.5, [0, 0, 0.05])", f"movej([{_numbers(pen.near())}], a=1.4, v=1.05)"]
+        return [*begin, "set_payload(1.5, [0, 0, 0.05])", f"movej([{_numbers(self.near())}], a=1.4, v=1.05)"]
 
     def _routine(self, scope: _Scope) -> None:
-        pen = self.pen
-        name = pen.name()
-        kind = pen.pick(["still", "moves", "moves", "tool", "mixed", "value", "point"])
+        name = self.name()
+        kind = self.pick(["still", "moves", "moves", "tool", "mixed", "value", "point"])
         inner = _Scope(scope.tool, [], 2)
         lines = {
             "still": ["set_tool_digital_out(0, True)", "sleep(0.2)"],
-            "moves": [f"movej([{_numbers(pen.astray())}], a=1.4, v=1.05)"],
-            "tool": [f"set_tcp({pose(pen.tool())})"],
+            "moves": [f"movej([{_numbers(self.astray())}], a=1.4, v=1.05)"],
+            "tool": [f"set_tcp({pose(self.tool())})"],
             "mixed": [],
-            "value": [f"movej([{_numbers(pen.astray())}])", "return True"],
+            "value": [f"movej([{_numbers(self.astray())}])", "return True"],
             "point": [],
         }[kind]
         if kind == "mixed":
             lines = [one for _ in range(3) for one in self.line(inner)]
         arguments = ""
         if kind == "point":
-            shift = f"p[{_numbers(pen.small() / 1e3, 4)}, 0, 0, 0]"
-            arguments, lines = pen.pick(
+            shift = f"p[{_numbers(self.small() / 1e3, 4)}, 0, 0, 0]"
+            arguments, lines = self.pick(
                 [
                     ("goal", ["movel(goal, a=1.2, v=0.25)"]),
                     ("goal", ["movej(goal, a=1.4, v=1.05)"]),
@@ -114,7 +109,7 @@ class Writer:
                         "goal",
                         ["if get_standard_digital_in(5):", "  goal = get_actual_tcp_pose()", "end", "movel(goal)"],
                     ),
-                    ("goal", [f"set_tcp({pose(pen.tool())})", "movel(goal, a=1.2)"]),
+                    ("goal", [f"set_tcp({pose(self.tool())})", "movel(goal, a=1.2)"]),
                 ]
             )
         self.texts.append("\n".join([f"def {name}({arguments}):", *("  " + one for one in lines), "end"]))
@@ -145,14 +140,13 @@ class Writer:
             (0.8, self.approach),
             (0.3, self.plane),
         ]
-        return drawn(self.pen, scope, plain, wild)
+        return self.drawn(scope, plain, wild)
 
     def _target(self, scope: _Scope) -> str:
-        return pose(self.pen.flange(self.pen.near()) @ scope.tool)
+        return pose(self.flange(self.near()) @ scope.tool)
 
     def move(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        how = pen.pick(
+        how = self.pick(
             [
                 "movel({}, a=1.2, v=0.25)",
                 "movel({}, a=1.2, v=0.25, r=0.002)",
@@ -160,27 +154,25 @@ class Writer:
                 "movel({}, 1.2, 0.25, 0, 0)",
             ]
         )
-        if pen.maybe(0.15):
-            how = "movel({},\n    a=1.2, v=0.25)" if pen.maybe(0.5) else "movel(pose={}, a=1.2)"
-        if not pen.plain and pen.maybe(0.15):
+        if self.maybe(0.15):
+            how = "movel({},\n    a=1.2, v=0.25)" if self.maybe(0.5) else "movel(pose={}, a=1.2)"
+        if not self.plain and self.maybe(0.15):
             how = "movej({}, a=1.4, v=1.05)"
         return how.format(self._target(scope)).split("\n")
 
     def joints(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        q = pen.near() if pen.plain or pen.maybe(0.8) else pen.astray()
-        if not pen.plain and pen.maybe(0.1):
+        q = self.near() if self.plain or self.maybe(0.8) else self.astray()
+        if not self.plain and self.maybe(0.1):
             return [f"movej([{', '.join(f'd2r({value:.3f})' for value in np.degrees(q))}])"]
         return [f"movej([{_numbers(q)}], a=1.4, v=1.05)"]
 
     def named(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        if scope.points and pen.maybe(0.4):
-            return [f"movel({pen.pick(scope.points)}, a=1.2, v=0.25)"]
+        if scope.points and self.maybe(0.4):
+            return [f"movel({self.pick(scope.points)}, a=1.2, v=0.25)"]
         self.count += 1
-        name = f"{pen.pick(['Waypoint', 'p', 'P', 'target', 'home_p'])}_{self.count}"
+        name = f"{self.pick(['Waypoint', 'p', 'P', 'target', 'home_p'])}_{self.count}"
         scope.points.append(name)
-        begin = "global " if pen.maybe(0.5) and scope.depth == 1 else ""
+        begin = "global " if self.maybe(0.5) and scope.depth == 1 else ""
         return [f"{begin}{name} = {self._target(scope)}", f"movel({name}, a=1.2, v=0.25)"]
 
     def arc(self, scope: _Scope) -> list[str]:
@@ -188,52 +180,48 @@ class Writer:
 
     def waypoint(self, scope: _Scope) -> list[str]:
         """Return moves to a waypoint with its taught joint angles, after a move to a random posture."""
-        pen = self.pen
         self.count += 1
-        name, q = f"Waypoint_{self.count}", pen.near()
-        lines = [f"{name}_p = {pose(pen.flange(q) @ scope.tool)}", f"{name}_q = [{_numbers(q)}]"]
+        name, q = f"Waypoint_{self.count}", self.near()
+        lines = [f"{name}_p = {pose(self.flange(q) @ scope.tool)}", f"{name}_q = [{_numbers(q)}]"]
         by_angles = f"movej(get_inverse_kin({name}_p, qnear={name}_q), a=1.4, v=1.05)"
-        before = [f"movej([{_numbers(pen.astray() if pen.maybe(0.5) else pen.near())}], a=1.4, v=1.05)"]
-        lines += pen.pick([before, before, [by_angles], [by_angles, *before], []])
-        return [*lines, pen.pick([f"movel({name}_p, a=1.2, v=0.25)"] * 2 + [f"movej({name}_p, a=1.4, v=1.05)"])]
+        before = [f"movej([{_numbers(self.astray() if self.maybe(0.5) else self.near())}], a=1.4, v=1.05)"]
+        lines += self.pick([before, before, [by_angles], [by_angles, *before], []])
+        return [*lines, self.pick([f"movel({name}_p, a=1.2, v=0.25)"] * 2 + [f"movej({name}_p, a=1.4, v=1.05)"])]
 
     def turning_arc(self, scope: _Scope) -> list[str]:
         """An arc of mode 1, with orientations as required by the mode or random."""
-        pen = self.pen
-        q = pen.near()
-        begin = pen.flange(q) @ scope.tool
+        q = self.near()
+        begin = self.flange(q) @ scope.tool
         centre = begin[:3, 3] + 50 * begin[:3, 0]
         ends = []
         for degrees in (25, 50):
             turn = Rotation.from_rotvec(np.radians(degrees) * begin[:3, 2])
             R = turn.as_matrix() @ begin[:3, :3]
-            if pen.maybe(0.4):
-                R = R @ Rotation.from_rotvec(pen.rng.uniform(-0.3, 0.3, 3)).as_matrix()
+            if self.maybe(0.4):
+                R = R @ Rotation.from_rotvec(self.rng.uniform(-0.3, 0.3, 3)).as_matrix()
             ends.append(pose(placed(centre + turn.apply(begin[:3, 3] - centre), R)))
-        mode = pen.pick(["mode=1", "r=0, mode=1", "mode=0"])
-        before = [f"movej([{_numbers(q)}], a=1.4, v=1.05)"] if pen.maybe(0.8) else []
-        after = self.move(scope) if pen.maybe(0.5) else []
+        mode = self.pick(["mode=1", "r=0, mode=1", "mode=0"])
+        before = [f"movej([{_numbers(q)}], a=1.4, v=1.05)"] if self.maybe(0.8) else []
+        after = self.move(scope) if self.maybe(0.5) else []
         return [*before, f"movec({ends[0]}, {ends[1]}, a=1.2, v=0.25, {mode})", *after]
 
     def to_joints(self) -> list[str]:
         """A straight line to joint angles, which uses only their pose."""
-        pen = self.pen
-        before = [f"movej([{_numbers(pen.astray())}], a=1.4, v=1.05)"] if pen.maybe(0.4) else []
-        return [*before, f"movel([{_numbers(pen.near())}], a=1.2, v=0.25)"]
+        before = [f"movej([{_numbers(self.astray())}], a=1.4, v=1.05)"] if self.maybe(0.4) else []
+        return [*before, f"movel([{_numbers(self.near())}], a=1.2, v=0.25)"]
 
     def other_program(self, scope: _Scope) -> list[str]:
-        call = self.pen.pick(["ok = camera.find(1)", "camera.start()", "if camera.is_ready():\n  sleep(0.1)\nend"])
+        call = self.pick(["ok = camera.find(1)", "camera.start()", "if camera.is_ready():\n  sleep(0.1)\nend"])
         return ['camera = rpc_factory("xmlrpc", "http://127.0.0.1:33000/RPC2")', *call.split("\n"), *self.move(scope)]
 
     def harmless(self) -> list[str]:
-        pen = self.pen
         return [
-            pen.pick(
+            self.pick(
                 [
                     "set_standard_digital_out(1, True)",
                     "sleep(0.5)",
-                    f'textmsg("{pen.pick(WORDS)}")',
-                    f"# {pen.pick(WORDS)}",
+                    f'textmsg("{self.pick(WORDS)}")',
+                    f"# {self.pick(WORDS)}",
                     "set_tool_digital_out(0, False)",
                     "sync()",
                     "speed_ms = 0.25",
@@ -248,28 +236,26 @@ class Writer:
         ]
 
     def call(self, scope: _Scope) -> list[str]:
-        pen = self.pen
         if not self.routines:
             return self.harmless()
-        name, kind = pen.pick(self.routines)
+        name, kind = self.pick(self.routines)
         if kind == "point":
-            given = pen.pick(scope.points) if scope.points and pen.maybe(0.5) else self._target(scope)
+            given = self.pick(scope.points) if scope.points and self.maybe(0.5) else self._target(scope)
             has_speed = any(text.startswith(f"def {name}(goal, speed)") for text in self.texts)
             return [f"{name}({given}{', 0.2' if has_speed else ''})"]
         if kind == "value":
-            return pen.pick([[f"ok = {name}()"], [f"if {name}():", "  sleep(0.1)", "end"], [f"{name}()"]])
+            return self.pick([[f"ok = {name}()"], [f"if {name}():", "  sleep(0.1)", "end"], [f"{name}()"]])
         return [f"{name}()"]
 
     def approach(self, scope: _Scope) -> list[str]:
         """Return moves above a point, given as an offset in the tool or in the base, and mostly to the point."""
-        pen = self.pen
         if not scope.points:
             return self.named(scope)
         self.count += 1
-        name, k, shift = pen.pick(scope.points), self.count, pen.small() / 1e3
-        turned = _numbers(pen.rng.uniform(-0.2, 0.2, 3), 3) if pen.maybe(0.3) else "0, 0, 0"
+        name, k, shift = self.pick(scope.points), self.count, self.small() / 1e3
+        turned = _numbers(self.rng.uniform(-0.2, 0.2, 3), 3) if self.maybe(0.3) else "0, 0, 0"
         d = _numbers(shift, 4)
-        made, begin = pen.pick(
+        made, begin = self.pick(
             [
                 (f"pose_trans({name}, p[{d}, {turned}])", []),
                 (f"pose_add({name}, p[{d}, 0, 0, 0])", []),
@@ -285,38 +271,36 @@ class Writer:
                 (f"p[{name}[0], {name}[1], {name}[2] - 0.01, {name}[3], {name}[4], {name}[4]]", []),
             ]
         )
-        move = pen.pick(["movel({}, a=1.2, v=0.25)", "movel({}, a=1.2)", "movej(get_inverse_kin({}), a=1.4)"])
-        if pen.maybe(0.4):
+        move = self.pick(["movel({}, a=1.2, v=0.25)", "movel({}, a=1.2)", "movej(get_inverse_kin({}), a=1.4)"])
+        if self.maybe(0.4):
             begin = [*begin, f"above_{k} = {made}"]
             made = f"above_{k}"
-            if pen.maybe(0.15):
+            if self.maybe(0.15):
                 begin.append(f"{made}[0] = {made}[0] + 0.002")
-        return [*begin, move.format(made), *([f"movel({name})", move.format(made)] if pen.maybe(0.6) else [])]
+        return [*begin, move.format(made), *([f"movel({name})", move.format(made)] if self.maybe(0.6) else [])]
 
     def plane(self, scope: _Scope) -> list[str]:
         """Return moves to points in a plane."""
-        pen = self.pen
         self.count += 1
-        name, flange = f"plane_{self.count}", pen.flange(pen.near()) @ scope.tool
-        turn = Rotation.from_rotvec(pen.rng.uniform(-0.5, 0.5, 3))
-        plane = frame(pen.rng.uniform(-300, 300, 3), turn)
+        name, flange = f"plane_{self.count}", self.flange(self.near()) @ scope.tool
+        turn = Rotation.from_rotvec(self.rng.uniform(-0.5, 0.5, 3))
+        plane = frame(self.rng.uniform(-300, 300, 3), turn)
         inside = pose(np.linalg.inv(plane) @ flange)
         lines = [f"{name} = {pose(plane)}", f"movel(pose_trans({name}, {inside}), a=1.2, v=0.25)"]
-        if pen.maybe(0.3):
+        if self.maybe(0.3):
             lines[1:] = [f"w_{self.count} = {inside}", f"movel(pose_trans({name}, w_{self.count}), a=1.2)"]
-        if pen.maybe(0.2):
+        if self.maybe(0.2):
             lines.append(f"movel({name}, a=1.2)")
-        if pen.maybe(0.2):
+        if self.maybe(0.2):
             lines.insert(1, f"{name}[2] = {name}[2] + 0.004")
         return lines
 
     def block(self, scope: _Scope) -> list[str]:
-        pen = self.pen
         if scope.depth > 2:
             return self.harmless()
         inner = _Scope(scope.tool, list(scope.points), scope.depth + 1)
-        body = ["  " + one for _ in range(pen.whole(1, 3)) for one in self.line(inner)]
-        head = pen.pick(
+        body = ["  " + one for _ in range(self.whole(1, 3)) for one in self.line(inner)]
+        head = self.pick(
             [
                 "if get_standard_digital_in(0):",
                 "while i < 3:",
@@ -326,15 +310,14 @@ class Writer:
         )
         if head.startswith("while i"):
             return ["i = 0", head, *body, "  i = i + 1", "end"]
-        if head.startswith("if") and pen.maybe(0.4):
+        if head.startswith("if") and self.maybe(0.4):
             other = _Scope(scope.tool, list(scope.points), scope.depth + 1)
             body += ["else:", *("  " + one for one in self.line(other))]
         return [head, *body, "end"]
 
     def new_tool(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        tool = pen.tool()
-        how = pen.pick(["literal", "if", "computed", "variable", "else", "part"])
+        tool = self.tool()
+        how = self.pick(["literal", "if", "computed", "variable", "else", "part"])
         if how in ("literal", "variable", "part"):
             scope.tool = tool
         self.count += 1
@@ -349,11 +332,10 @@ class Writer:
         }[how]
 
     def computed(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        point = pen.pick(scope.points) if scope.points and pen.maybe(0.6) else self._target(scope)
-        shift = _numbers(pen.small() / 1e3, 4)
+        point = self.pick(scope.points) if scope.points and self.maybe(0.6) else self._target(scope)
+        shift = _numbers(self.small() / 1e3, 4)
         return [
-            pen.pick(
+            self.pick(
                 [
                     f"movel(pose_trans({point}, p[{shift}, 0, 0, 0]), a=1.2, v=0.25)",
                     f"movel(pose_add({point}, p[{shift}, 0, 0, 0]), a=1.2, v=0.25)",
@@ -365,12 +347,11 @@ class Writer:
         ]
 
     def changed(self, scope: _Scope) -> list[str]:
-        pen = self.pen
         if not scope.points:
             return self.named(scope)
-        name = pen.pick(scope.points)
+        name = self.pick(scope.points)
         return [
-            *pen.pick(
+            *self.pick(
                 [
                     [f"{name}[2] = {name}[2] + 0.02"],
                     [f"{name} = {self._target(scope)}"],
@@ -383,8 +364,7 @@ class Writer:
         ]
 
     def shifted(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        on, off = pen.pick(
+        on, off = self.pick(
             [
                 ("track_conveyor_linear(p[1, 0, 0, 0, 0, 0], 500.0)", "stop_conveyor_tracking()"),
                 ("path_offset_enable()", "path_offset_disable()"),
@@ -393,15 +373,13 @@ class Writer:
                 ("freedrive_mode()\nsleep(5)", "end_freedrive_mode()"),
             ]
         )  # fmt: skip
-        return [*on.split("\n"), *self.move(scope), *([off] if pen.maybe(0.8) else []), *self.move(scope)]
+        return [*on.split("\n"), *self.move(scope), *([off] if self.maybe(0.8) else []), *self.move(scope)]
 
     def unknown(self) -> list[str]:
-        pen = self.pen
-        return [pen.pick([f"{pen.name()}()", f"ok = {pen.name()}(1)", f"rq_{pen.pick(['close', 'open'])}()"])]
+        return [self.pick([f"{self.name()}()", f"ok = {self.name()}(1)", f"rq_{self.pick(['close', 'open'])}()"])]
 
     def inverse(self, scope: _Scope) -> list[str]:
-        pen = self.pen
-        near = f", qnear=[{_numbers(pen.near(), 4)}]"
-        if pen.maybe(0.3):
+        near = f", qnear=[{_numbers(self.near(), 4)}]"
+        if self.maybe(0.3):
             near = ""
         return [f"movej(get_inverse_kin({self._target(scope)}{near}), a=1.4, v=1.05)"]

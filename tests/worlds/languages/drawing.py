@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,6 +24,10 @@ WORDS = ("movel(p[0.1, 0.2, 0.3, 0, 0, 0])", "MoveL p10,v100,fine,tool0;", "LIN 
          "Greifer auf, dann weiter", "end", "ENDPROC")  # fmt: skip
 
 
+Kinds = Sequence[tuple[float, Callable[[Any], list[str]]]]
+"""Weights, and functions that write lines for the state of a program."""
+
+
 @dataclass(frozen=True)
 class Draft:
     """A random program: its files, the main file, the files to correct, and the statements of the user about the
@@ -40,13 +44,24 @@ class Draft:
 
 
 class Pen:
-    """Generator of random numbers, names and texts of a program."""
+    """Generator of random numbers, names and texts: the base of the grammars. A plain program has one tool and frame.
 
-    def __init__(self, dialect: str, seed: int, *, plain: bool) -> None:
-        self.dialect, self.plain = dialect, plain
-        self.rng = np.random.default_rng([seed, sum(map(ord, dialect)), int(plain)])
-        self.here = cell(dialect)
+    texts: of the routines; routines: their names, with the kind or the text of each.
+    """
+
+    dialect: ClassVar[str]
+
+    def __init__(self, seed: int, *, plain: bool) -> None:
+        self.plain = plain
+        self.rng = np.random.default_rng([seed, sum(map(ord, self.dialect)), int(plain)])
+        self.here = cell(self.dialect)
+        self.texts: list[str] = []
+        self.routines: list[tuple[str, str]] = []
+        self.count = 0
         self._names: set[str] = set()
+
+    def draft(self) -> Draft:
+        raise NotImplementedError
 
     def maybe(self, share: float) -> bool:
         """True with this probability."""
@@ -113,16 +128,11 @@ class Pen:
         data = text.replace("\n", end).encode(coding, "replace")
         return b"\xef\xbb\xbf" + data if coding == "utf-8" and self.maybe(0.1) else data
 
-
-Kinds = Sequence[tuple[float, Callable[[Any], list[str]]]]
-"""Weights, and functions that write lines for the state of a program."""
-
-
-def drawn(pen: Pen, state: Any, plain: Kinds, wild: Kinds) -> list[str]:
-    """Lines of a randomly chosen kind, by weight; wild kinds only in programs that are not plain."""
-    kinds = plain if pen.plain else [*plain, *wild]
-    weights = np.array([weight for weight, _ in kinds])
-    return kinds[int(pen.rng.choice(len(kinds), p=weights / weights.sum()))][1](state)
+    def drawn(self, state: Any, plain: Kinds, wild: Kinds) -> list[str]:
+        """Lines of a randomly chosen kind, by weight; wild kinds only in programs that are not plain."""
+        kinds = plain if self.plain else [*plain, *wild]
+        weights = np.array([weight for weight, _ in kinds])
+        return kinds[int(self.rng.choice(len(kinds), p=weights / weights.sum()))][1](state)
 
 
 def stated(T: Array) -> str:

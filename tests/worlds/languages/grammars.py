@@ -5,9 +5,11 @@ from __future__ import annotations
 from tests.worlds.languages import draw_abb, draw_fanuc, draw_kuka, draw_ur, draw_yaskawa
 from tests.worlds.languages.drawing import Draft, Pen
 
-_GRAMMARS = {"ur": draw_ur, "kuka": draw_kuka, "abb": draw_abb, "fanuc": draw_fanuc, "yaskawa": draw_yaskawa}
+_GRAMMARS: dict[str, type[Pen]] = {
+    module.Writer.dialect: module.Writer for module in (draw_ur, draw_kuka, draw_abb, draw_fanuc, draw_yaskawa)
+}
 
 
 def draw(dialect: str, seed: int, *, plain: bool) -> Draft:
     """Program for a seed, with all features of the grammar, or a plain one with a single tool and frame."""
-    return _GRAMMARS[dialect].Writer(Pen(dialect, seed, plain=plain)).draft()
+    return _GRAMMARS[dialect](seed, plain=plain).draft()
