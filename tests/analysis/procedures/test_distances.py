@@ -8,7 +8,7 @@ from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate
 from rigs.load import load
 from tests.support.refusals import refused
-from tests.worlds import planted
+from tests.worlds.planted import closed_forms as planted
 from tests.worlds.planted import targets
 from tests.worlds.planted.targets import Stops
 

@@ -8,7 +8,7 @@ from analysis.procedures import pose
 from analysis.robot.kinematics.arm import forward
 from analysis.runs.tables import PoseTable
 from tests.support.refusals import refused
-from tests.worlds import planted
+from tests.worlds.planted import closed_forms as planted
 
 UR10 = Path(__file__).parents[4] / "shared" / "data" / "ipa-ur10"
 

@@ -11,7 +11,7 @@ from analysis.runs.tables import PoseTable, RadialTable, format_of
 from rigs.load import load
 from rigs.rig import Rig
 from tests.analysis.procedures.checks.test_lost_poses import table
-from tests.worlds import planted
+from tests.worlds.planted import closed_forms as planted
 
 
 def motion(stands: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -46,13 +46,18 @@ _WORST = 10
 """Places of disagreement that are kept, the worst first."""
 
 
+Make = Callable[[Path, Path], bool]
+"""Puts runs into a directory; it is given that and the folder of measured data, and returns whether the data were
+there."""
+
+
 @dataclass(frozen=True)
 class Case:
-    """Commands, each a line after `rig`, called in a directory in which `make` has put runs; it is given that directory
-    and the folder of measured data, and returns whether the data were there. quick: one of those the tests make."""
+    """Commands, each a line after `rig`, called in a directory in which `make` has put runs. quick: one of those the
+    tests make."""
 
     name: str
-    make: Callable[[Path, Path], bool]
+    make: Make
     commands: tuple[str, ...]
     quick: bool = False
 
@@ -191,7 +196,7 @@ def _date(directory: Path) -> None:
 
 def _simulated(
     rig_name: str, effects: Sequence[Mapping[str, Any]], *tests: tuple[TestName, Direction | None, int]
-) -> Callable[[Path, Path], bool]:
+) -> Make:
     """Runs of rig's own simulator: a test, a direction and the seed of its noise each."""
 
     def make(directory: Path, data: Path) -> bool:
@@ -215,7 +220,7 @@ def _growing(directory: Path, data: Path) -> bool:
     return True
 
 
-def _stranger(kind: str, seed: int, kinds: str) -> Callable[[Path, Path], bool]:
+def _stranger(kind: str, seed: int, kinds: str) -> Make:
     """Of a cell of the blind trial the first run of each test and direction that `kinds` names, as yaw-cw or radial;
     runs left out and of the unseen place as they are."""
 
@@ -241,7 +246,7 @@ def _move(path: Path, to: Path) -> None:
         path.rename(to)
 
 
-def _tracked(name: str, wrong: str, seed: int, count: int) -> Callable[[Path, Path], bool]:
+def _tracked(name: str, wrong: str, seed: int, count: int) -> Make:
     """Poses of a tracker before an arm of the independent generator, a twentieth of them wild where it is bad."""
 
     def make(directory: Path, data: Path) -> bool:
@@ -263,7 +268,7 @@ def _import_poses(directory: Path, run: str, q_deg: Any, xyz_mm: Any, rig: str) 
     import_table(table, directory / "runs" / run, rig_file=rig, test="pose", operator="golden")
 
 
-def _ur10(series: str, every: int) -> Callable[[Path, Path], bool]:
+def _ur10(series: str, every: int) -> Make:
     """Every so manieth pose of a series of the real UR10, and others between them to judge by."""
 
     def make(directory: Path, data: Path) -> bool:

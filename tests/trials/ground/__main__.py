@@ -10,13 +10,13 @@ import argparse
 import csv
 import json
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from tests.support.cpu_limit import cpu_s
 from tests.trials.ground.score import Scores, scored
 from tests.trials.ground.table import markdown
 from tests.trials.ground.tasks import TINY, WHOLE, make
@@ -97,12 +97,12 @@ def run(given: argparse.Namespace) -> None:
         answers = directory / "answers" / entry.replace(" ", "-").lower()
         if not (answers / "done").exists():
             answers.mkdir(parents=True, exist_ok=True)
-            before = children_s()
+            begin_s = cpu_s()
             command = [*ENTRIES[entry], str(directory / "tasks"), str(answers)]
             ended = subprocess.run(command, check=False, env=os.environ | {"PATH": path_outside()})
             if ended.returncode:
                 raise SystemExit(f"error: {entry} ended with {ended.returncode}; the same command goes on")
-            (answers / "done").write_text(f"{children_s() - before:.0f}\n", encoding="utf-8")
+            (answers / "done").write_text(f"{cpu_s() - begin_s:.0f}\n", encoding="utf-8")
         seconds[entry] = int((answers / "done").read_text(encoding="utf-8"))
         found[entry] = scored(directory, answers)
     (directory / "scores.json").write_text(as_json(found) + "\n", encoding="utf-8")
@@ -115,12 +115,6 @@ def path_outside() -> str:
     """Path without this environment: an entry makes its own by the python that has pip."""
     own = str(Path(sys.executable).parent)
     return os.pathsep.join(place for place in os.environ["PATH"].split(os.pathsep) if place != own)
-
-
-def children_s() -> float:
-    """Processor time in s of all entries that have ended."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def as_json(found: dict[str, Scores]) -> str:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from tests.worlds.chain import gravity_torques, link_frames
 
 Array = NDArray[np.float64]
+XYZ = ("x_mm", "y_mm", "z_mm")
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def joints(count: int) -> list[str]:
 
 def write_poses(path: Path, poses: Poses, *, asked: bool) -> None:
     """Write train.csv, or test.csv without the positions."""
-    names = ["pose", "placement", *joints(poses.q.shape[1]), *(() if asked else ("x_mm", "y_mm", "z_mm"))]
+    names = ["pose", "placement", *joints(poses.q.shape[1]), *(() if asked else XYZ)]
     rows = []
     for k, (q, xyz) in enumerate(zip(np.degrees(poses.q), poses.xyz_mm, strict=True), start=1):
         places = [] if asked else [f"{value:.5f}" for value in xyz]
@@ -108,7 +109,7 @@ def read_poses(path: Path) -> Poses:
     columns = read_columns(path)
     count = sum(name.startswith("q") for name in columns)
     q = np.radians(np.column_stack([columns[name] for name in joints(count)]))
-    places = [columns.get(name, np.full(len(q), np.nan)) for name in ("x_mm", "y_mm", "z_mm")]
+    places = [columns.get(name, np.full(len(q), np.nan)) for name in XYZ]
     return Poses(q, np.column_stack(places), columns["placement"])
 
 
@@ -142,7 +143,7 @@ def write_answer(path: Path, places: Array, u: Array) -> None:
         [str(k), *(f"{value:.5f}" for value in place), "" if np.isnan(own) else f"{own:.5f}"]
         for k, (place, own) in enumerate(zip(places, u, strict=True), start=1)
     ]
-    write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
+    write_rows(path, ("pose", *XYZ, "u_mm"), rows)
 
 
 @dataclass(frozen=True)

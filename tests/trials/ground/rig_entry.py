@@ -22,7 +22,17 @@ from analysis.robot.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
-from tests.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_poses, write_answer, write_rows
+from tests.trials.ground.plain_arm import (
+    XYZ,
+    Array,
+    PlainArm,
+    Poses,
+    joints,
+    read_arm,
+    read_poses,
+    write_answer,
+    write_rows,
+)
 from tests.trials.ground.tasks import read_tasks
 
 TEMPLATE = "ur10"
@@ -93,7 +103,7 @@ def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured
     of = given.of(given.placement == placement)
     table = work / f"{placement}.csv"
     rows = np.column_stack([np.degrees(of.q), of.xyz_mm])
-    names = (*joints(of.q.shape[1]), "x_mm", "y_mm", "z_mm")
+    names = (*joints(of.q.shape[1]), *XYZ)
     write_rows(table, names, [[f"{value:.6f}" for value in row] for row in rows])
     return read_table(table, rig_file, "pose", placement=placement)
 

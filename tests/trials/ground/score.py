@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.trials.ground.plain_arm import Array, read_columns
+from tests.trials.ground.plain_arm import XYZ, Array, read_columns
 from tests.trials.ground.tasks import Task, read_tasks
 
 DRAWS = 1000
@@ -68,14 +68,14 @@ class Judged:
 def judged(task: Task, truth: Path, answers: Path) -> Judged:
     """Hold the answer of a task against its truth; a pose that is missing or no number counts as the nominal arm's."""
     true = read_columns(truth / f"{task.name}.csv")
-    places = np.column_stack([true[name] for name in ("x_mm", "y_mm", "z_mm")])
+    places = np.column_stack([true[name] for name in XYZ])
     nominal = np.column_stack([true[f"nominal_{axis}_mm"] for axis in "xyz"])
     said, u = nominal.copy(), np.full(len(places), np.nan)
     answered = np.zeros(len(places))
     where = {int(pose): k for k, pose in enumerate(true["pose"])}
     for row in rows_of(answers / f"{task.name}.csv"):
         k = where.get(int(number(row.get("pose"))) if math.isfinite(number(row.get("pose"))) else 0)
-        place = [number(row.get(name)) for name in ("x_mm", "y_mm", "z_mm")]
+        place = [number(row.get(name)) for name in XYZ]
         if k is not None and np.isfinite(place).all():
             said[k], u[k], answered[k] = place, number(row.get("u_mm")), 1.0
     distance = np.linalg.norm(said - places, axis=1)

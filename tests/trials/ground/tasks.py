@@ -70,7 +70,7 @@ def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]
     for place in (tasks, truth):
         place.mkdir(parents=True)
     made = [write_split(one, tasks, truth) for one in simulated_splits(seed, size)]
-    measured, left_out = measured_splits(data, seed, size)
+    measured, left_out = measured_splits(data)
     made += [write_split(one, tasks, truth) for one in measured]
     names = [asdict(one) for one in made]
     write_rows(tasks / "tasks.csv", list(names[0]), [list(one.values()) for one in names])
@@ -140,7 +140,7 @@ def simulated_splits(seed: int, size: Size) -> Iterator[Split]:
             yield Split(task, arm, poses.of(at < count), poses.of(at >= size.many))
 
 
-def measured_splits(data: Path | None, seed: int, size: Size) -> tuple[list[Split], list[str]]:
+def measured_splits(data: Path | None) -> tuple[list[Split], list[str]]:
     """Tasks of measured series, and what was left out because its files are not there."""
     found: list[Split] = []
     left_out = []

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.trials.ground.plain_arm import read_columns, read_poses, write_rows
+from tests.trials.ground.plain_arm import XYZ, read_columns, read_poses, write_rows
 from tests.trials.ground.score import scored
 from tests.trials.ground.table import markdown
 from tests.trials.ground.tasks import TINY, make, read_tasks
@@ -29,9 +29,9 @@ def ground(tmp_path_factory):
 def truths(ground: Path, answers: Path) -> None:
     for task in read_tasks(ground / "tasks"):
         true = read_columns(ground / "truth" / f"{task.name}.csv")
-        rows = [[str(int(pose)), *(str(true[name][k]) for name in ("x_mm", "y_mm", "z_mm")), "0.01"]
+        rows = [[str(int(pose)), *(str(true[name][k]) for name in XYZ), "0.01"]
                 for k, pose in enumerate(true["pose"])]  # fmt: skip
-        write_rows(answers / f"{task.name}.csv", ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
+        write_rows(answers / f"{task.name}.csv", ("pose", *XYZ, "u_mm"), rows)
 
 
 def test_the_truth_scores_perfectly(ground, tmp_path):
@@ -56,7 +56,7 @@ def test_half_an_answer_with_words_and_unknown_poses_is_half_answered(ground, tm
         count = len(read_poses(ground / "tasks" / task.name / "test.csv").q)
         rows = [[str(k), "0", "0", "0", "1"] for k in range(1, count // 2 + 1)]
         more = [["999", "0", "0", "0", "1"], ["20", "far", "0", "0", "1"], ["x", "0", "0", "0", "1"]]
-        write_rows(tmp_path / f"{task.name}.csv", ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), [*rows, *more])
+        write_rows(tmp_path / f"{task.name}.csv", ("pose", *XYZ, "u_mm"), [*rows, *more])
     for own in scored(ground, tmp_path).values():
         assert own["answered"].value == 0.5
         assert own["removed"].value < 0 and own["error_over_u"].value > 100

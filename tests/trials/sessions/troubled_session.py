@@ -10,11 +10,14 @@ import json
 import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+from analysis.apps.report.blocks import Block, on_screen
 from analysis.apps.session.run_session import run_session
 from analysis.apps.session.session_plan import SessionOptions, SessionProgram
 from analysis.apps.session.session_state import Emulated, Session, SessionDirectory
@@ -109,6 +112,9 @@ class Lines:
     def say(self, line: str) -> None:
         print(f"{clock.now_s() / 60 % 1000:6.2f} {line}", flush=True)
 
+    def answer(self, blocks: Sequence[Block]) -> None:
+        Console(width=100).print(on_screen(blocks))
+
     def show(self, line: str) -> None:
         """Nothing is rewritten in a log."""
 
@@ -139,35 +145,24 @@ def _starts(simulated: SimulatedClock, request: dict[str, Any]) -> list[int]:
         operator="trial",
         wait_min=1.5,
     )
-    exits: list[int] = []
-    while len(exits) < MOST_STARTS and 0 not in exits:
-        exits.append(_one_start(rig, text, directory, asked, simulated, at_robot, computer))
-    return exits
 
-
-def _one_start(
-    rig: Any,
-    text: str,
-    directory: Path,
-    asked: SessionOptions,
-    simulated: SimulatedClock,
-    at_robot: dict[int, str],
-    computer: Computer,
-) -> int:
     def make_cell(session: Session) -> TroubledCell:
         shared: Any = {"simulated": simulated, "at_robot": at_robot, "meanwhile": computer.meanwhile}
         return TroubledCell(session, directory, Lines(), asked, **shared)
 
-    try:
-        run_session(rig, text, SessionDirectory(directory), asked, Lines(), make_cell)
-    except RigError as error:
-        print(f"error: {error}", flush=True)
-        return error.exit_code
-    except KeyboardInterrupt:
-        return 130
-    except SessionKilled:
-        return -9
-    return 0
+    exits: list[int] = []
+    while len(exits) < MOST_STARTS and 0 not in exits:
+        try:
+            run_session(rig, text, SessionDirectory(directory), asked, Lines(), make_cell)
+            exits.append(0)
+        except RigError as error:
+            print(f"error: {error}", flush=True)
+            exits.append(error.exit_code)
+        except KeyboardInterrupt:
+            exits.append(130)
+        except SessionKilled:
+            exits.append(-9)
+    return exits
 
 
 if __name__ == "__main__":

@@ -38,10 +38,7 @@ def line(told: Told) -> str:
 def report(found: Sequence[Told]) -> str:
     if not found:
         return ""
-    blows, faults = Counter[str](), Counter[str]()
-    for told in found:
-        blows.update({str(blow): count for blow, count in told.blows.items()})
-        faults.update({str(kind): count for kind, count in told.faults.items()})
+    blows, faults = sum((told.blows for told in found), Counter()), sum((told.faults for told in found), Counter())
     hours, asleep = sum(told.seconds for told in found) / 3600, sum(told.asleep_s for told in found) / 3600
     wrong = [told.world.seed for told in found if told.violations]
     lines = [

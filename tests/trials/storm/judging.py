@@ -39,7 +39,7 @@ _MAY_NAME = {
 }
 """Which faults are no false alarms after a blow."""
 STOPPED = "stopped by rig record stop"
-_DISK = (Blow.FULL, Blow.QUOTA, Blow.FAILING, Blow.SLOW)
+_DISK = {Blow.FULL, Blow.QUOTA, Blow.FAILING, Blow.SLOW}
 
 
 def judge_runs(life: Life) -> None:
@@ -105,7 +105,7 @@ def _judge_killed(life: Life, run: Run, asked: Asked) -> None:
         rows, pieces = run.streams[stream]["last_byte_ns"], life.instruments.pieces[stream]
         if len(rows) < synced:
             life.told.violations.append(f"{run.path.name}: {len(rows)} rows of {stream}, {synced} were synced")
-        if Blow.POWER_CUT in life.world.blows or any(blow in life.befell[HOST] for blow in _DISK):
+        if Blow.POWER_CUT in life.world.blows or _DISK & life.befell[HOST]:
             continue
         last_ns = int(rows[-1]) if len(rows) else asked.from_ns
         until_ns = asked.killed_ns - _TAIL_NS
@@ -137,7 +137,7 @@ def _judge_missing(
         and place not in places
         and piece.has_reading
     ]  # fmt: skip
-    sure = [place for place in missing if not _is_spoilt(life, pieces, place)]
+    sure = [place for place in missing if not _is_spoilt(pieces, place)]
     if len(sure) > dropped * (2 if stream in life.instruments.in_two else 1):
         when = [round(pieces[place].at_ns / 1e9 - 1000, 3) for place in sure[:4]]
         told = f"{len(sure)} messages of {stream} were read and are no rows, {dropped} are counted as dropped"
@@ -157,7 +157,7 @@ def _readings_besides(pieces: Sequence[Piece], asked: Asked, places: set[int]) -
     )
 
 
-def _is_spoilt(life: Life, pieces: Sequence[Piece], place: int) -> bool:
+def _is_spoilt(pieces: Sequence[Piece], place: int) -> bool:
     """True if a protocol may omit a message, because bytes were changed or an answer was late shortly before."""
     since_ns = pieces[place].at_ns - _SPOILT_NS
     before = itertools.takewhile(lambda piece: piece.at_ns >= since_ns, reversed(pieces[: place + 1]))
@@ -171,7 +171,7 @@ def _judge_faults(life: Life, run: Run) -> None:
         stream, kind = fault["stream"], FaultKind(fault["kind"])
         life.told.faults[kind] += fault["count"]
         may = set().union(*(_MAY_NAME.get(blow, set()) for blow in life.befell[stream]))
-        if kind is FaultKind.DROPPED and (life.world.small or any(blow in life.befell[HOST] for blow in _DISK)):
+        if kind is FaultKind.DROPPED and (life.world.small or _DISK & life.befell[HOST]):
             continue
         if kind not in may:
             told = f"{kind} of {stream}, which nothing has caused: {fault['detail']}"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from tests.support.cpu_limit import cpu_s
 from tests.worlds.unknown.cells import Cell
 from tests.worlds.unknown.files import write_cell
 
@@ -24,15 +24,14 @@ class RigFailedError(Exception):
 
 def run_rig(*arguments: str | Path) -> tuple[str, float]:
     """Run a command; return what it prints and its processor time, s."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    begin_s = cpu_s()
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
         [_RIG, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=TIMEOUT_S, env=environment
     )
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode not in (0, 3):  # 3: a run was left out, which the answer says
         raise RigFailedError((done.stderr.strip() or done.stdout.strip() or str(done.returncode)).splitlines()[-1])
-    return done.stdout, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return done.stdout, cpu_s() - begin_s
 
 
 def import_tables(tables: Sequence[tuple[Path, str, str]], rig_file: Path, directory: Path) -> list[Path]:

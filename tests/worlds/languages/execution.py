@@ -298,9 +298,9 @@ class Robot:
             q = one
         return q
 
-    def begin_on_rail(self, mm: float) -> None:
+    def begin_on_rail(self) -> None:
         """Start at the track position left by the previous program, in every second world."""
-        self.rail_mm = mm if self.world.seed % 2 else 0.0
+        self.rail_mm = self.world.number("rail", 50, 150) if self.world.seed % 2 else 0.0
 
     def go_astray(self, name: str) -> None:
         """Move to a different posture, as caused by something outside the program."""

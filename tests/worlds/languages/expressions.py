@@ -92,34 +92,30 @@ class Syntax:
                 return tree
 
     def _atom(self, tokens: Tokens) -> Tree:
-        kind, text = tokens.kind(), tokens.peek()
+        kind, text = tokens.kind(), tokens.take()
         if kind == "number":
-            return ("number", float(tokens.take()))
+            return ("number", float(text))
         if kind == "text":
-            return ("text", tokens.take())
+            return ("text", text)
         if text == "(":
-            tokens.take()
             tree = self.tree(tokens)
             tokens.take(")")
             return tree
         if kind == "pose":
-            tokens.take()
             return ("pose", [one for _, one in self.items(tokens, "]")])
         if text == "[" and self.brackets != "krl":
-            tokens.take()
             return ("list", [one for _, one in self.items(tokens, "]")])
         if text == "{" and self.brackets == "krl":
             return self._aggregate(tokens)
         if kind == "name":
-            name = tokens.take()
             if tokens.peek() == "(":
                 tokens.take()
-                return ("call", name, self.items(tokens, ")"))
-            return ("name", name)
+                return ("call", text, self.items(tokens, ")"))
+            return ("name", text)
         raise NotUnderstood(text)
 
     def _aggregate(self, tokens: Tokens) -> Tree:
-        tokens.take("{")
+        """Tree of an aggregate after its bracket."""
         kind = ""
         if tokens.kind() == "name" and tokens.peek(1) == ":":
             kind = tokens.take()

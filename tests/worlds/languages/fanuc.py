@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.worlds.languages.arms import Array, placed
+from tests.worlds.languages.arms import Array
 from tests.worlds.languages.execution import (
     Branch,
     Do,
@@ -33,7 +33,7 @@ from tests.worlds.languages.execution import (
     steps_of,
     stop,
 )
-from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
+from tests.worlds.languages.frames import angles_of, inverted, moved, of_angles, shifted
 from tests.worlds.languages.machines import JobMachine, elbow_up_and_front
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
@@ -98,9 +98,8 @@ class Program(LineBlocks):
         if found := re.match(r"JMP LBL\[(\w+)", upper):
             return [Goto(place, (found[1],), perhaps=False)]
         if re.match(r"IF\s*\(.*\)\s*THEN$", upper):
-            body, closing = self._body("ELSE", "ENDIF")
-            others = [self._body("ENDIF")[0]] if closing == "ELSE" else []
-            return [Branch(place, [body, *others], bool(others))]
+            bodies, _ = self._bodies(("ELSE",), "ENDIF")
+            return [Branch(place, bodies, len(bodies) > 1)]
         if upper.startswith("FOR "):
             return [Loop(place, self._body("ENDFOR")[0])]
         if upper.startswith(("IF", "SELECT")) or re.match(r"(=|ELSE,)", upper):
@@ -171,7 +170,7 @@ class Machine(JobMachine):
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         super().__init__(program, world, ways)
         if any(position.rail for routine in program.routines.values() for position in routine.positions.values()):
-            self.robot.begin_on_rail(world.number("rail", 50, 150))
+            self.robot.begin_on_rail()
         self.unchecked = bool(world.seed % 2)
         """True if the check of frame numbers is off ($FRM_CHKTYP), so the controller uses the selected frames."""
         self.uf: int | None = None
@@ -275,7 +274,7 @@ class Machine(JobMachine):
             raise Ended
         if relative:
             now = inverted(user) @ self.robot.pose_now(tool)
-            X = placed(now[:3, 3] + X[:3, 3], X[:3, :3] @ now[:3, :3])
+            X = moved(now, X)
         if offset is not None:
             X = offset @ X
         if tool_offset is not None:

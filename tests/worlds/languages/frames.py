@@ -82,6 +82,11 @@ def inverted(T: Array) -> Array:
     return placed(-R @ T[:3, 3], R)
 
 
+def moved(X: Array, step: Array) -> Array:
+    """A frame X (4, 4) shifted and turned on the spot by a step (4, 4), both in the same reference."""
+    return placed(X[:3, 3] + step[:3, 3], step[:3, :3] @ X[:3, :3])
+
+
 def shifted(F: Array, y: float) -> Array:
     """A frame (4, 4) moved along y by mm, as by a rail; for 0 the same object."""
     if not y:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.worlds.languages.arms import Array, placed
+from tests.worlds.languages.arms import Array
 from tests.worlds.languages.execution import (
     Branch,
     Do,
@@ -31,7 +31,7 @@ from tests.worlds.languages.execution import (
     World,
     steps_of,
 )
-from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
+from tests.worlds.languages.frames import angles_of, inverted, moved, of_angles, shifted
 from tests.worlds.languages.machines import JobMachine, elbow_up_and_front
 
 SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
@@ -131,7 +131,7 @@ class Machine(JobMachine):
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         super().__init__(program, world, ways)
         if any(key.startswith("BC") for job in program.routines.values() for key in job.positions):
-            self.robot.begin_on_rail(world.number("rail", 50, 150))
+            self.robot.begin_on_rail()
         self.variables: dict[str, Position] = {}
         self.shift: tuple[str, Array] | None = None
         self.tracking = False
@@ -191,7 +191,7 @@ class Machine(JobMachine):
     def _relative(self, key: str, rest: str, place: Place) -> None:
         step, tool = self._as_shift(key), self.frame("tool", 0)
         now = self.robot.pose_now(tool)
-        X = now @ step if "TF" in rest else placed(now[:3, 3] + step[:3, 3], step[:3, :3] @ now[:3, :3])
+        X = now @ step if "TF" in rest else moved(now, step)
         self.robot.pose(X @ inverted(tool), tool[:3, 3], place, self._variable(key).src | {place})
 
     def _move(self, word: str, rest: str, text: str, place: Place) -> None:
@@ -240,8 +240,7 @@ class Machine(JobMachine):
             T = T @ step
         else:
             U = self.frame("frame", int(where[4:-1])) if where.startswith("UF") else np.eye(4)
-            X = inverted(U) @ T
-            T = U @ placed(X[:3, 3] + step[:3, 3], step[:3, :3] @ X[:3, :3])
+            T = U @ moved(inverted(U) @ T, step)
         return T @ inverted(tool)
 
     def changed_by(self, name: str) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.worlds.languages.arms import Array, cell, chain, placed
+from tests.worlds.languages.arms import Array, cell, chain
 from tests.worlds.languages.execution import (
     Branch,
     Do,
@@ -35,7 +35,7 @@ from tests.worlds.languages.execution import (
     steps_of,
 )
 from tests.worlds.languages.expressions import KRL, NotUnderstood, Tree, arithmetic
-from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
+from tests.worlds.languages.frames import angles_of, inverted, moved, of_angles, shifted
 from tests.worlds.languages.machines import NOWHERE, Value, ValueMachine
 
 _STATE = ("$TOOL", "$BASE", "$IPO_MODE")
@@ -110,19 +110,11 @@ class Program(LineBlocks):
         match word:
             case "IF":
                 condition = re.sub(r"(?i)\bTHEN$", "", line.text[2:])
-                body, closing = self._body("ELSE", "ENDIF")
-                bodies = [body]
-                if closing == "ELSE":
-                    bodies.append(self._body("ENDIF")[0])
+                bodies, _ = self._bodies(("ELSE",), "ENDIF")
                 return [Branch(place, bodies, len(bodies) > 1, _valued(condition, line))]
             case "SWITCH":
-                bodies, otherwise, ends = [], False, ("CASE", "DEFAULT", "ENDSWITCH")
-                _, closing = self._body(*ends)
-                while closing != "ENDSWITCH":
-                    otherwise |= closing == "DEFAULT"
-                    body, closing = self._body(*ends)
-                    bodies.append(body)
-                return [Branch(place, bodies, otherwise, _valued(line.text[6:], line))]
+                bodies, words = self._bodies(("CASE", "DEFAULT"), "ENDSWITCH")
+                return [Branch(place, bodies[1:], "DEFAULT" in words, _valued(line.text[6:], line))]
             case "FOR":
                 return [Loop(place, self._body("ENDFOR")[0])]
             case "WHILE":
@@ -136,9 +128,7 @@ class Program(LineBlocks):
             case "GOTO":
                 return [Goto(place, (line.text[4:].strip().upper(),), perhaps=False)]
             case "RETURN":
-                rest = line.text[6:].strip()
-                act = _valued(rest, line)
-                return [Do(place, act or (lambda _: None), ends=True)]
+                return [Do(place, _valued(line.text[6:], line) or (lambda _: None), ends=True)]
             case "SPLINE" | "ENDSPLINE" | "PTP_SPLINE":
                 return []
         if re.fullmatch(r"\w+\s*:", line.text):
@@ -204,9 +194,9 @@ class Machine(ValueMachine):
 
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         super().__init__(program, world, ways)
-        self.robot.begin_on_rail(world.number("rail", 50, 150) if program.has_rail else 0.0)
+        if program.has_rail:
+            self.robot.begin_on_rail()
         self.handlers: dict[str, str] = {}
-        self.armed: list[str] = []
         if world.seed in program.made:
             self.scopes[0] |= program.made[world.seed]
             return
@@ -241,11 +231,8 @@ class Machine(ValueMachine):
     def instruction(self, text: str, line: Line) -> None:
         word = first_word(text)
         if word in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL", "PTP_REL", "LIN_REL", "SPTP_REL", "SLIN_REL"):
-            for handler in self.armed:
-                if self.robot.ways.choose(2):
-                    self.armed.remove(handler)
-                    self.instruction(handler, line)
-                    break
+            if (handler := self.interruption()) is not None:
+                self.instruction(handler, line)
             self._move(word, text[len(word) :], line)
             return
         if found := re.match(r"(?i)ASYPTP\s*\{E1\s+([\d.]+)\}", text):
@@ -372,7 +359,7 @@ class Machine(ValueMachine):
     def _function(self, name: str, values: list[Value]) -> Value:
         if name in self.program.routines:
             return self.call(name, values)
-        src = frozenset[Place]().union(*(more for _, more in values))
+        src = NOWHERE.union(*(more for _, more in values))
         first = values[0][0] if values else None
         match name:
             case "BAS":
@@ -441,7 +428,7 @@ class Machine(ValueMachine):
         X = inverted(base) @ self.robot.pose_now(tool)
         if word.endswith("REL"):
             step = as_matrix(value)
-            X = X @ step if in_tool else placed(X[:3, 3] + step[:3, 3], step[:3, :3] @ X[:3, :3])
+            X = X @ step if in_tool else moved(X, step)
         else:
             now = as_frame(X)
             X = as_matrix({**now, **{name: value[name] for name in now if name in value}})

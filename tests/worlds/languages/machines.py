@@ -41,6 +41,8 @@ class ValueMachine(Machine):
         self.scopes: list[dict[str, Value]] = [{}]
         self.left: dict[str, Value] = {}
         """Variables of the routine that ended last."""
+        self.armed: list[str] = []
+        """Handlers that may interrupt a move."""
 
     def run_routine(self, name: str, variables: dict[str, Value]) -> Value:
         """Call a routine of the program with its arguments as variables."""
@@ -50,6 +52,14 @@ class ValueMachine(Machine):
         finally:
             self.left = self.scopes.pop()
         return (self.world.number(name), NOWHERE) if value is None else value
+
+    def interruption(self) -> str | None:
+        """A handler that interrupts here, if any does; it is armed no more."""
+        for handler in self.armed:
+            if self.robot.ways.choose(2):
+                self.armed.remove(handler)
+                return handler
+        return None
 
     def stored(self, name: str, scopes: list[dict[str, Value]]) -> Value | None:
         """Value of a variable, with the lines that assign to it; None if no scope has it."""

@@ -43,6 +43,7 @@ SPEEDREFRESH STOPMOVE STARTMOVE STOREPATH RESTOPATH CLEARPATH LOAD UNLOAD MOTION
 PATHRESOL WZDISABLE RETURN RAISE TRYNEXT RETRY BOOKERRNO UIMSGBOX SOCKETCREATE SOCKETCONNECT SOCKETSEND
 SOCKETRECEIVE SOCKETCLOSE SOCKETBIND SOCKETLISTEN SOCKETACCEPT ACTEVENTBUFFER WORLDACCLIM
 """
+_UNIT = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
 _STILL = frozenset(_WITHOUT_MOTION.split())
 """Instructions without motion. Those that change something of a pose are handled before."""
 
@@ -55,14 +56,12 @@ class Machine(ValueMachine):
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         super().__init__(program, world, ways)
         if program.has_rail:
-            self.robot.begin_on_rail(world.number("rail", 50, 150))
+            self.robot.begin_on_rail()
         self.displaced = np.eye(4)
         self.conf = {"CONFJ": True, "CONFL": True}
         self.traps: dict[str, str] = {}
-        self.armed: list[str] = []
-        unit = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
-        self.scopes[0]["TOOL0"] = ([True, unit, []], NOWHERE)
-        self.scopes[0]["WOBJ0"] = ([False, True, "", unit, unit], NOWHERE)
+        self.scopes[0]["TOOL0"] = ([True, _UNIT, []], NOWHERE)
+        self.scopes[0]["WOBJ0"] = ([False, True, "", _UNIT, _UNIT], NOWHERE)
         if world.seed in program.made:
             self.scopes[0] |= program.made[world.seed]
             return
@@ -121,8 +120,7 @@ class Machine(ValueMachine):
                 stated = self.world.shift(name)
             if stated is not None:
                 pose = _pose_of(stated)
-                unit = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
-                return [True, pose, []] if key == "tool" else [False, True, "", pose, unit]
+                return [True, pose, []] if key == "tool" else [False, True, "", pose, _UNIT]
         if kind == "POSE":
             return _pose_of(self.world.shift(name))
         if kind == "ROBTARGET":
@@ -168,7 +166,7 @@ class Machine(ValueMachine):
             return self.call(name, values)
         plain = [value[0] for key, value in values if not key]
         keyed = {key: value[0] for key, value in values if key}
-        src = frozenset[Place]().union(*(value[1] for _, value in values))
+        src = NOWHERE.union(*(value[1] for _, value in values))
         match name:
             case "OFFS":
                 new = copied(plain[0])
@@ -215,11 +213,8 @@ class Machine(ValueMachine):
             return
         keyed, plain = {key: value for key, value in values if key}, [value for key, value in values if not key]
         if name in _POINTS:
-            for trap in self.armed:
-                if self.robot.ways.choose(2):
-                    self.armed.remove(trap)
-                    self.call(trap, [])
-                    break
+            if (trap := self.interruption()) is not None:
+                self.call(trap, [])
             self._move(name, plain, keyed, place, where)
         elif name in ("CONFJ", "CONFL"):
             self.conf[name] = "OFF" not in switches

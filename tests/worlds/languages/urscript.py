@@ -33,7 +33,7 @@ from tests.worlds.languages.execution import (
     stop,
 )
 from tests.worlds.languages.expressions import UR, NotUnderstood, Tree, arithmetic
-from tests.worlds.languages.frames import inverted, of_vector, vector_of
+from tests.worlds.languages.frames import inverted, moved, of_vector, vector_of
 from tests.worlds.languages.machines import NOWHERE, Value, ValueMachine
 
 _STILL = re.compile(
@@ -248,7 +248,7 @@ class Machine(ValueMachine):
             return self.run_routine(name, dict(zip(parameters, (value for _, value in values), strict=False)))
         keyed = {key: value for key, value in values if key}
         plain = [value for key, value in values if not key]
-        src = frozenset[Place]().union(*(value[1] for _, value in values))
+        src = NOWHERE.union(*(value[1] for _, value in values))
         if name in ("movej", "movel", "movep", "movec", "servoj", "servoc", "optimovej", "optimovel"):
             self._move(name, keyed, plain, line)
             return None, NOWHERE
@@ -265,8 +265,7 @@ class Machine(ValueMachine):
             case "pose_trans":
                 return as_pose(Pose(first).matrix() @ Pose(plain[1][0]).matrix()), src
             case "pose_add":
-                A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
-                return as_pose(placed(A[:3, 3] + B[:3, 3], B[:3, :3] @ A[:3, :3])), src
+                return as_pose(moved(Pose(first).matrix(), Pose(plain[1][0]).matrix())), src
             case "pose_sub":
                 A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
                 return as_pose(placed(A[:3, 3] - B[:3, 3], A[:3, :3] @ B[:3, :3].T)), src

@@ -138,14 +138,17 @@ class Controller:
 
 def _threads() -> set[int]:
     """Processes of the real-time threads, which leave the process group of their controller."""
-    listed = subprocess.run(["ps", "-eo", "pid,comm"], capture_output=True, text=True, check=True).stdout
-    rows = [line.split(None, 1) for line in listed.splitlines()[1:]]
-    return {int(pid) for pid, name in rows if name.startswith("rtapi_app")}
+    return {int(pid) for pid, name in _listed("pid,comm") if name.startswith("rtapi_app")}
 
 
 def _session(pid: int) -> set[int]:
-    listed = subprocess.run(["ps", "-eo", "pid,sid"], capture_output=True, text=True, check=True).stdout
-    return {int(one) for one, session in (line.split() for line in listed.splitlines()[1:]) if int(session) == pid}
+    return {int(one) for one, session in _listed("pid,sid") if int(session) == pid}
+
+
+def _listed(columns: str) -> list[list[str]]:
+    """Two columns of all processes."""
+    listed = subprocess.run(["ps", "-eo", columns], capture_output=True, text=True, check=True).stdout
+    return [line.split(None, 1) for line in listed.splitlines()[1:]]
 
 
 def as_user(user: str) -> list[str]:

@@ -7,7 +7,7 @@ motions (twists: three translations in mm, three rotations in rad) before and af
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ class UnreachableError(Exception):
 @dataclass(frozen=True)
 class Arm:
     """A serial arm. a, d (axes,) mm; alpha, zero (axes,) rad; mass (axes,) kg; centre (axes, 3) mm in the frame
-    after each row of the table; limits (axes, 2) rad; build: key of the rig file.
+    after each row of the table; low, high (axes,) rad: ranges of random poses; build: key of the rig file.
     """
 
     name: str
@@ -39,7 +39,6 @@ class Arm:
     zero: Array
     mass: Array
     centre: Array
-    limits: Array
     low: Array
     high: Array
     payload_kg: float = 0.0
@@ -176,15 +175,18 @@ def pose_error(now: Array, wanted: Array) -> Array:
 
 
 def _arm(
-    name: str, build: str, rows: Sequence[tuple[float, float, float]], ranges: Sequence[tuple[float, float]]
+    name: str,
+    build: str,
+    rows: Sequence[tuple[float, float, float]],
+    ranges: Sequence[tuple[float, float]],
+    mass: Sequence[float],
+    centre: Sequence[Sequence[float]],
 ) -> Arm:
     """Create an arm from rows (d, a, alpha in degrees) and joint ranges (degrees) for random poses."""
     d, a, alpha = np.array(rows, dtype=float).T
     low, high = np.radians(np.array(ranges, dtype=float)).T
-    count = len(rows)
-    limits = np.radians(np.tile([-360.0, 360.0], (count, 1)))
-    nothing = np.zeros(count)
-    return Arm(name, build, a, np.radians(alpha), d, nothing, nothing, np.zeros((count, 3)), limits, low, high)
+    zero = np.zeros(len(rows))
+    return Arm(name, build, a, np.radians(alpha), d, zero, np.array(mass), np.array(centre, dtype=float), low, high)
 
 
 def ur10e() -> Arm:
@@ -194,11 +196,8 @@ def ur10e() -> Arm:
     rows = [(180.7, 0, 90), (0, -612.7, 0), (0, -571.55, 0), (174.15, 0, 90), (119.85, 0, -90), (116.55, 0, 0)]
     ranges = [(-90, 90), (-135, -45), (50, 130), (-125, -35), (-115, -50), (-150, 150)]
     centre = [[21, 0, 27], [380, 0, 158], [240, 0, 68], [0, 7, 18], [0, 7, 18], [0, 0, -26]]
-    return replace(
-        _arm("UR10e", "light", rows, ranges),
-        mass=np.array([7.369, 13.051, 3.989, 2.1, 1.98, 0.615]),
-        centre=np.array(centre, dtype=float),
-    )
+    mass = [7.369, 13.051, 3.989, 2.1, 1.98, 0.615]
+    return _arm("UR10e", "light", rows, ranges, mass, centre)
 
 
 def elbow_arm() -> Arm:
@@ -209,11 +208,8 @@ def elbow_arm() -> Arm:
     rows = [(400, 25, -90), (0, 560, 0), (0, 35, -90), (515, 0, 90), (0, 0, -90), (80, 0, 0)]
     ranges = [(-80, 80), (-110, -50), (-30, 50), (-120, 120), (25, 100), (-150, 150)]
     centre = [[-25, 40, 10], [-300, 0, 60], [-20, 20, -30], [0, -150, 0], [0, 0, 20], [0, 0, -15]]
-    return replace(
-        _arm("elbow arm", "industrial", rows, ranges),
-        mass=np.array([16.0, 14.0, 8.0, 5.0, 2.0, 0.5]),
-        centre=np.array(centre, dtype=float),
-    )
+    mass = [16.0, 14.0, 8.0, 5.0, 2.0, 0.5]
+    return _arm("elbow arm", "industrial", rows, ranges, mass, centre)
 
 
 def seven_axis_arm() -> Arm:
@@ -221,8 +217,5 @@ def seven_axis_arm() -> Arm:
     rows = [(360, 0, -90), (0, 0, 90), (420, 0, 90), (0, 0, -90), (400, 0, -90), (0, 0, 90), (126, 0, 0)]
     ranges = [(-80, 80), (5, 60), (-60, 60), (-110, -40), (-90, 90), (20, 90), (-150, 150)]
     centre = [[0, 0, 60], [0, 60, 40], [0, -60, 0], [0, -60, 40], [0, 0, 60], [0, 0, 0], [0, 0, -20]]
-    return replace(
-        _arm("seven-axis arm", "torque_sensing", rows, ranges),
-        mass=np.array([6.0, 6.0, 4.0, 4.0, 3.0, 2.0, 0.5]),
-        centre=np.array(centre, dtype=float),
-    )
+    mass = [6.0, 6.0, 4.0, 4.0, 3.0, 2.0, 0.5]
+    return _arm("seven-axis arm", "torque_sensing", rows, ranges, mass, centre)

@@ -145,8 +145,7 @@ def draw_known(rng: np.random.Generator, axes: int, rich: bool) -> Known:
 
 def no_known(axes: int) -> Known:
     """An arm without any error."""
-    zero = np.zeros(axes)
-    return Known(zero, zero, zero, zero, zero, zero)
+    return Known(*[np.zeros(axes)] * 6)
 
 
 @dataclass(frozen=True)
@@ -155,9 +154,8 @@ class Run:
 
     name: str
     test: str
-    motion: Motion
+    direction: str
     columns: dict[str, Any]
-    direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -290,7 +288,7 @@ def runs(cell: Cell) -> list[Run]:
         columns = measure(cell, test, motion, deviation, rng)
         if direction:
             columns["direction"] = [direction] * len(motion.rows)
-        found.append(Run(name, test, motion, columns, direction))
+        found.append(Run(name, test, direction, columns))
     return found
 
 

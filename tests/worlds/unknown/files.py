@@ -32,7 +32,7 @@ def craig_table(arm: Arm) -> list[dict[str, object]]:
         axes.append(
             {
                 "name": f"axis {k + 1}",
-                "limits_deg": [round(float(angle), 3) for angle in np.degrees(arm.limits[k])],
+                "limits_deg": [-360.0, 360.0],
                 "speed_deg_s": 180.0,
                 "a_mm": float(arm.a[k - 1]) if k else 0.0,
                 "alpha_deg": float(np.degrees(arm.alpha[k - 1])) if k else 0.0,

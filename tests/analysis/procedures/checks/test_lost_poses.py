@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from analysis.procedures import pose, repeatability
 from analysis.robot.kinematics.arm import forward
 from analysis.runs.tables import PoseTable, RepeatabilityTable
-from tests.worlds import planted
+from tests.worlds.planted import closed_forms as planted
 
 SPREAD_MM = 0.08
 

@@ -113,19 +113,18 @@ def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
     return fault if abs(fault.size) <= LARGEST.get(fault.effect, np.inf) else None
 
 
+_OFF_GRID = {"order": (1.0, 150.0), "decay_s": (0.05, 3.0), "time_constant_s": (15.0, 2000.0), "period_mm": (0.08, 2.0)}
+
+
 def _off_grid(fault: Fault, rng: np.random.Generator) -> dict[str, float]:
     """Return continuous random shape parameters: gear orders, decay times, payloads and time constants."""
     shape = dict(fault.shape)
+    for key in shape.keys() & _OFF_GRID.keys():  # an effect has one of them
+        shape[key] = float(log_uniform(*_OFF_GRID[key], rng))
     if "order" in shape:
-        shape["order"] = float(np.round(log_uniform(1.0, 150.0, rng), 2))
-    if "decay_s" in shape:
-        shape["decay_s"] = float(log_uniform(0.05, 3.0, rng))
+        shape["order"] = round(shape["order"], 2)
     if "payload_kg" in shape:
         shape["payload_kg"] = float(rng.uniform(0.5, 25.0))
-    if "time_constant_s" in shape:
-        shape["time_constant_s"] = float(log_uniform(15.0, 2000.0, rng))
-    if "period_mm" in shape:
-        shape["period_mm"] = float(log_uniform(0.08, 2.0, rng))
     return shape
 
 
