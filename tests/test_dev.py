@@ -57,7 +57,7 @@ def test_mutant_is_found_by_its_test_and_the_file_restored(tmp_path):
     (tmp_path / "tests" / "rigs").mkdir(parents=True)
     module, text = tmp_path / "rigs" / "sums.py", "def added(a, b):\n    return a + b\n"
     module.write_text(text)
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = real_time\naddopts = --import-mode=importlib\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n")
     (mutant,) = (one for one in mutants_of(text, "rigs/sums.py") if one.kind == "operator swapped")
     own = "tests/rigs/test_sums.py"
     for number, found in ((0, {"by": "", "test": ""}), (1, {"by": "commit", "test": f"{own}::test_it"})):

@@ -277,8 +277,10 @@ class PortWatch:
 
     def __init__(self, gauges: Sequence[FoundGauge]) -> None:
         self._gauges = gauges
-        self._stop = threading.Event()
-        self._changed = threading.Condition()
+        self._stop = clock.Event()
+        self._lock = threading.Lock()
+        self._arrived = clock.Event()
+        """Set when a port has delivered or was lost."""
         self._rest: dict[str, list[float]] = {}
         self._latest: dict[str, deque[float]] = {gauge.place: deque(maxlen=_KEPT) for gauge in gauges}
         self._lost: dict[str, str] = {}
@@ -289,7 +291,7 @@ class PortWatch:
         for gauge in self._gauges:
             by_port.setdefault(gauge.gauge.port, []).append(gauge)
         self._threads = [
-            threading.Thread(target=self._read, args=(group,), name=f"watch {port}") for port, group in by_port.items()
+            clock.Thread(target=self._read, args=(group,), name=f"watch {port}") for port, group in by_port.items()
         ]
         try:
             for thread in self._threads:
@@ -303,7 +305,7 @@ class PortWatch:
         self._end()
 
     def readings_mm(self) -> dict[str, float]:
-        with self._changed:
+        with self._lock:
             for place, why in self._lost.items():
                 remedy = "check the cable, and repeat rig init: it continues here"
                 raise CellError(place, f"was lost ({why})", remedy, code="port.lost")
@@ -311,20 +313,27 @@ class PortWatch:
 
     def measure_rest(self) -> None:
         """Measure the rest positions. Raises CellError if a gauge is silent."""
-        with self._changed:
+        with self._lock:
             for values in self._latest.values():
                 values.clear()
-            latest = self._latest.values()
-            self._changed.wait_for(lambda: self._lost or all(len(values) >= _AT_REST for values in latest), _SETTLE_S)
+        until_s = clock.now_s() + _SETTLE_S
+        while not self._is_settled() and (remaining_s := until_s - clock.now_s()) > 0:
+            self._arrived.wait(remaining_s)
+        with self._lock:
             self._rest = {place: list(values) for place, values in self._latest.items()}
         self.readings_mm()
+
+    def _is_settled(self) -> bool:
+        with self._lock:
+            self._arrived.clear()
+            return bool(self._lost) or all(len(values) >= _AT_REST for values in self._latest.values())
 
     def pushed_gauge(self, places: Sequence[str]) -> str | None:
         now_mm = self.readings_mm()
         return pushed_gauge({place: self._rest[place] for place in places}, now_mm)
 
     def grows(self, place: str) -> bool:
-        with self._changed:
+        with self._lock:
             rest_mm = sorted(self._rest[place])[len(self._rest[place]) // 2]
             return max(self._latest[place], key=lambda reading: abs(reading - rest_mm)) > rest_mm
 
@@ -339,12 +348,12 @@ class PortWatch:
 
         def deliver(items: Sequence[Item]) -> None:
             samples = samples_of(items)
-            with self._changed:
+            with self._lock:
                 for sample in samples:
                     for gauge, value in zip(group, sample.values, strict=True):
                         if math.isfinite(value):
                             self._latest[gauge.place].append(value)
-                self._changed.notify_all()
+                self._arrived.set()
 
         try:
             link = stream.open()
@@ -355,6 +364,6 @@ class PortWatch:
             finally:
                 link.close()
         except (LinkLost, CellError) as error:
-            with self._changed:
+            with self._lock:
                 self._lost.update((gauge.place, str(error)) for gauge in group)
-                self._changed.notify_all()
+                self._arrived.set()

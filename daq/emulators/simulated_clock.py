@@ -128,6 +128,10 @@ class SimulatedClock:
 
         return run
 
+    def stall(self, seconds: float) -> None:
+        """Advance the time while no thread runs, as when the computer stands still."""
+        self._ns += round(seconds * S)
+
     def has_ended(self, thread: threading.Thread) -> bool:
         return thread not in self._tasks
 

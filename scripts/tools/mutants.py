@@ -74,7 +74,7 @@ def looked_for(mutant: Mutant, tree: Path, took: Durations, seconds: float, nigh
     try:
         for by in ("commit", "night")[: 1 + night]:
             files = within(files_for(tree, mutant.path), took, seconds, by == "night")
-            marks = "not real_time" + (" and nightly" if by == "night" else "")
+            marks = "nightly" if by == "night" else ""
             end, test = tried(tree, files, marks)
             if end == "found":
                 return {"by": by, "test": test}

@@ -33,7 +33,6 @@ def test_drivers_receive_the_captured_bytes(name):
     assert heard(parse(text, name), capture) == expected
 
 
-@pytest.mark.real_time  # rigd leaves a link that is silent for 0.5 s, and the replay restarts
 def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path):
     with ExitStack() as stack:
         played = {}

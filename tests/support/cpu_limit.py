@@ -1,8 +1,7 @@
 """Limit the processor time of each test, so that no test fails because the computer is busy.
 
-This pytest plugin is loaded by `tests/conftest.py`. The marker `cpu_limit(SECONDS)` replaces the default `CPU_LIMIT_S`;
-tests that depend on real time have a time limit instead. A blocked test uses no processor time and is ended by the time
-limit of `pyproject.toml`.
+This pytest plugin is loaded by `tests/conftest.py`. The marker `cpu_limit(SECONDS)` replaces the default `CPU_LIMIT_S`.
+A blocked test uses no processor time and is ended by the time limit of `pyproject.toml`.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import resource
 import signal
 import time
 from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 
 import pytest
 
@@ -54,8 +53,6 @@ def cpu_limit(limit_s: float) -> Generator[None, None, None]:
 
 
 def _limited(item: pytest.Item) -> AbstractContextManager[None]:
-    if item.get_closest_marker("real_time"):
-        return nullcontext()
     marker = item.get_closest_marker("cpu_limit")
     return cpu_limit(float(marker.args[0]) if marker else CPU_LIMIT_S)
 

@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from daq import clock
 from daq.store import Run, read_run, verify
 from rigs.schema.condition import CONDITION
 from tests.support.bench import Bench, rig_text
+from tests.support.simulated_bench import SimulatedBench
 
 STEP_NS = 1_000_000
 """Resolution of the readings: 1 ms, shown as 0.0001 mm or 0.0001°."""
@@ -32,7 +34,14 @@ class Clockwork:
     """
 
     def __init__(self) -> None:
-        self.start_ns = time.monotonic_ns()
+        self._start_ns: int | None = None
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first use: the clock of a simulated cell runs only later."""
+        if self._start_ns is None:
+            self._start_ns = clock.now_ns()
+        return self._start_ns
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
         return self._steps(now_ns) * STEP * (1 if name == "g1" else -1)
@@ -63,6 +72,24 @@ def rig_of(kind: str) -> str:
         for name in ("g1", "g2"):
             data["gauges"][name] |= {"value": scaled, "timeout_s": 0.1}
     return yaml.safe_dump(data)
+
+
+def replug_simulated(folder: Path, kind: str) -> tuple[Run, Clockwork]:
+    """Record in simulated time while all links of a rig are disconnected and reconnected."""
+    with SimulatedBench(folder, rig_of(kind), motion := Clockwork()) as bench:
+        bench.start().all_reading()
+        path = bench.record()
+        bench.recorded(10)
+        for line in bench.cell.lines.values():
+            line.unplug()
+        bench.until(lambda state: not any(one["connected"] for one in state["streams"].values()))
+        for line in bench.cell.lines.values():
+            line.plugged = True
+        before = bench.status()["samples"]
+        bench.until(lambda state: all(count > before[name] + 10 for name, count in state["samples"].items()))
+        bench.stop()
+    assert verify(path) == []
+    return read_run(path), motion
 
 
 def replug(folder: Path, kind: str) -> tuple[Run, Clockwork]:

@@ -24,13 +24,13 @@ from rigs.load import parse
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, rig_text
 from tests.support.refusals import refused
-from tests.support.replugging import KINDS, replug, wrong
+from tests.support.replugging import KINDS, replug, replug_simulated, wrong
 
 
-@pytest.mark.real_time  # nothing but the outage may be wrong
+@pytest.mark.parametrize("replugged", [replug_simulated, pytest.param(replug, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path, kind):
-    run, motion = replug(tmp_path, kind)
+def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path, kind, replugged):
+    run, motion = replugged(tmp_path, kind)
     assert {name: run.manifest.counters[name]["disconnected"] for name in run.streams} == dict.fromkeys(run.streams, 1)
     assert not [told for name in run.streams for told in wrong(run, name, motion)]
     assert [fault["detail"] for fault in run.faults if " reconnected after " in fault["detail"]]

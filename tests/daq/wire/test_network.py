@@ -4,16 +4,18 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
+from daq import clock
 from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
+from daq.emulators.simulated_clock import SimulatedClock
 from daq.store import read_run
 from daq.wire.links import LinkLost, open_link
 from rigs.load import parse
@@ -53,31 +55,49 @@ def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
 # --- TCP ---
 
 
-@pytest.mark.real_time(held_up_s=0.05)
+class _Silent:
+    """Links to a peer that accepts a connection and sends nothing. Each counts as lost after 0.2 s."""
+
+    def __init__(self) -> None:
+        self.opened_s: list[float] = []
+        self.closed_s: list[float] = []
+
+    def open(self, *_: object, **__: object) -> Any:
+        self.opened_s.append(clock.now_s())
+        return self
+
+    def read(self, timeout_s: float) -> bytes:
+        clock.sleep(timeout_s)
+        if clock.now_s() > self.opened_s[-1] + 0.2:
+            raise LinkLost("nothing arrived")
+        return b""
+
+    def close(self) -> None:
+        self.closed_s.append(clock.now_s())
+
+    def write(self, data: bytes) -> None: ...
+    def set_dtr(self, on: bool) -> None: ...
+    def note_items(self, items: object) -> None: ...
+    def take_ignored(self) -> list[Any]:
+        return []
+
+
 @pytest.mark.parametrize("interface", ["line_feed", "ur_rtde"])
 def test_accepting_silent_peer_is_closed_and_called_again(interface):
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(PATIENCE_S)
-        port = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        stream = replace(_robot(interface=interface, port=port, timeout_s=0.1), dead_s=0.2)
-        accepted_s = []
+    peer = _Silent()
+    with SimulatedClock(1).running():
+        stream = replace(_robot(interface=interface, port="tcp://127.0.0.1:1", timeout_s=0.1), opening=peer.open)
         with _reading(stream) as count:
-            for _ in range(4):
-                sock, _ = server.accept()
-                accepted_s.append(time.monotonic())
-                with sock:
-                    sock.settimeout(PATIENCE_S)
-                    while sock.recv(64):
-                        pass  # the handshake of one who asks; the end is what matters
-            # A computer that stands still may break a connection off before it has been silent; the next one counts.
-            _until(lambda: count("disconnected") >= 4 and count("silent") >= 4)
-            assert count("samples") == 0
-    gaps_s = [after - before for before, after in pairwise(accepted_s)]
-    assert gaps_s[2] > gaps_s[0] + 0.3  # 0.2, 0.4 and 0.8 s of pause
+            clock.sleep(30)
+        counts = {kind: count(kind) for kind in ("disconnected", "silent", "samples")}
+    pauses_s = [after - before for before, after in zip(peer.closed_s, peer.opened_s[1:], strict=False)]
+    assert pauses_s == pytest.approx([0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0, 5.0, 5.0], abs=0.01)
+    assert counts == {"disconnected": len(pauses_s) + 1, "silent": len(pauses_s) + 1, "samples": 0}
 
 
-@pytest.mark.real_time
-def test_a_connection_that_brings_something_now_and_then_is_not_dead():
+def test_a_connection_that_brings_something_now_and_then_is_not_dead(monkeypatch):
+    now_s = 100.0
+    monkeypatch.setattr("daq.wire.links.clock", SimpleNamespace(now_s=lambda: now_s))
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=0.5)
         sock, _ = server.accept()
@@ -85,10 +105,11 @@ def test_a_connection_that_brings_something_now_and_then_is_not_dead():
             for _ in range(8):
                 sock.sendall(b"x")
                 assert link.read(PATIENCE_S) == b"x"
-                assert link.read(0.1) == b""
+                now_s += 0.4
+                assert link.read(0.0) == b""
+            now_s += 0.2
             with pytest.raises(LinkLost, match="arrived"):
-                while True:
-                    assert link.read(0.05) == b""
+                link.read(0.0)
 
 
 def test_silent_tcp_peer_gets_keepalive_probes():

@@ -5,11 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from tests.support.bench import BIN
-
-pytestmark = pytest.mark.real_time  # every sample counts at full pace
 
 SCRIPT = Path(__file__).parents[3] / "tests" / "trials" / "pace" / "__main__.py"
 

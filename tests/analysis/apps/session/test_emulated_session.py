@@ -33,8 +33,7 @@ def processes_of(directory: Path) -> list[str]:
     return found
 
 
-@pytest.mark.real_time
-@pytest.mark.timeout(300)
+@pytest.mark.cpu_limit(300)
 def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path):
     cell, directory = cell_file(tmp_path), tmp_path / "own"
     runtime = tmp_path / "runtime"

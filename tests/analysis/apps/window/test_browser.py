@@ -160,7 +160,6 @@ def test_every_page_is_accessible_and_hostile_names_do_nothing(chromium, runs, t
         hold_quiet(chromium, one.port, ("404",))
 
 
-@pytest.mark.real_time(match="not true")
 @pytest.mark.cpu_limit(150)
 def test_lap_is_recorded_from_the_page_and_survives_the_daemon(chromium, tmp_path):
     data = yaml.safe_load(rig_text())
