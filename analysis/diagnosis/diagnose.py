@@ -49,4 +49,4 @@ def diagnose(
         diagnosis, early = judge(evidence, fit, validation)
         diagnosis = replace(diagnosis, contradictions=contradictions)
         diagnosis = plan_next(diagnosis, evidence, fit, validation, progress, early=early)
-        return replace(diagnosis, seconds=time.perf_counter() - begin_s)
+        return replace(diagnosis, seconds=time.perf_counter() - begin_s, work=fit.result.work)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from weakref import WeakKeyDictionary
 
@@ -78,6 +79,16 @@ class FittedTerms:
         return terms
 
 
+@dataclass
+class Work:
+    """Number of the computations that take most of the time of a diagnosis."""
+
+    factors: int = 0
+    """Cholesky factors of the background."""
+    fits: int = 0
+    """Fits of effects on the simulator."""
+
+
 @dataclass(frozen=True, eq=False)
 class Background:
     """Background of a state."""
@@ -91,6 +102,7 @@ class Background:
     """Prior means (p,)."""
     weighted_gram: Callable[[], Array]
     """Computes X'WX (p, p) for the factor, so that a cached background does not store it."""
+    work: Work = field(default_factory=Work, repr=False)
     _latest: list[tuple[FittedTerms, Array, Array]] = field(default_factory=list, init=False, repr=False)
     _marginals: WeakKeyDictionary[Response, MarginalValues] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
@@ -108,6 +120,7 @@ class Background:
     def _chol(self) -> Array:
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
+        self.work.factors += 1
         M = self._root[:, None] * self.weighted_gram()
         M *= self._root
         M[np.diag_indices_from(M)] += 1.0
@@ -259,8 +272,65 @@ class Gains:
     """Size shown by the readings, in healthy sizes."""
 
 
+class Coefficients(ABC):
+    """Normal distribution of all coefficients of the columns, given the readings."""
+
+    background: Background
+
+    @property
+    @abstractmethod
+    def mean(self) -> Array:
+        """Means (p,), in healthy sizes."""
+
+    @abstractmethod
+    def covariance_among(self, columns: Integers) -> Array:
+        """Covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
+
+    def gains(self, forms: Sequence[Form], level: Level) -> Gains:
+        gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
+        alike = np.array([(len(form.columns), level.of(form.effect)) for form in forms]).reshape(-1, 2)
+        usual_variance = self.background.columns.usual_variance(level)
+        for width, of_these in np.unique(alike, axis=0).tolist():
+            q, members = int(width), np.flatnonzero((alike == (width, of_these)).all(axis=1))
+            cols = np.array([forms[k].columns for k in members.tolist()])
+            is_free = (self.background.variance[cols] > 0).all(axis=1)
+            members, cols = members[is_free], cols[is_free]
+            inverse, precision = self._inverse_and_cavity(cols)
+            eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
+            values, axes = np.linalg.eigh(precision)
+            values = np.maximum(values, 0.0)
+            eta_along, mean_along = (np.einsum("nij,ni->nj", axes, v) for v in (eta, self.background.mean[cols]))
+            usual = np.minimum(self.background.variance[cols], usual_variance[cols]).mean(axis=1)[:, None]
+            share = cavity_evidence(values, (eta_along - values * mean_along) ** 2, usual)
+            share += np.sum(eta_along * mean_along - 0.5 * values * mean_along**2, axis=1)
+            gains.fault[members] = fault_evidence(values, eta_along**2, of_these) - share
+            gains.healthy[members] = cavity_evidence(values, eta_along**2, of_these**2 / q) - share
+            gains.sigma[members] = np.sqrt(values.max(axis=1))
+            shown = np.divide(eta_along, values, out=np.zeros_like(values), where=values > 0)
+            gains.size[members] = np.linalg.norm(shown, axis=1)
+            if q == 1:
+                one_sided = np.array([forms[k].one_sided for k in members.tolist()], dtype=bool)
+                wrong_way = members[one_sided & (eta[:, 0] < 0)]
+                gains.fault[wrong_way] = gains.healthy[wrong_way] = -np.inf
+        return gains
+
+    def size(self, form: Form) -> Array:
+        """Coefficients (q,), in healthy sizes, of a form as a fault."""
+        cols = np.array(form.columns)
+        inverse, precision = self._inverse_and_cavity(cols)
+        eta = inverse @ self.mean[cols] - self.background.pull[cols]
+        return np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta)
+
+    def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
+        """Inverse covariance (…, q, q) among columns (…, q), and the same minus their prior precision."""
+        inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
+        precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
+        precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
+        return inverse, precision
+
+
 @dataclass(frozen=True, eq=False)
-class CoefficientPosterior:
+class CoefficientPosterior(Coefficients):
     """Posterior of all coefficients of the columns together with fitted terms."""
 
     background: Background
@@ -309,7 +379,6 @@ class CoefficientPosterior:
         )
 
     def covariance_among(self, columns: Integers) -> Array:
-        """Covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
         taken = self._taken[columns]
         without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
         return without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2)
@@ -377,47 +446,10 @@ class CoefficientPosterior:
         forms = self.background.columns.set_ups.start
         return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
-    def gains(self, forms: Sequence[Form], level: Level) -> Gains:
-        gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
-        alike = np.array([(len(form.columns), level.of(form.effect)) for form in forms]).reshape(-1, 2)
-        usual_variance = self.background.columns.usual_variance(level)
-        for width, of_these in np.unique(alike, axis=0).tolist():
-            q, members = int(width), np.flatnonzero((alike == (width, of_these)).all(axis=1))
-            cols = np.array([forms[k].columns for k in members.tolist()])
-            is_free = (self.background.variance[cols] > 0).all(axis=1)
-            members, cols = members[is_free], cols[is_free]
-            inverse, precision = self._inverse_and_cavity(cols)
-            eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
-            values, axes = np.linalg.eigh(precision)
-            values = np.maximum(values, 0.0)
-            eta_along, mean_along = (np.einsum("nij,ni->nj", axes, v) for v in (eta, self.background.mean[cols]))
-            usual = np.minimum(self.background.variance[cols], usual_variance[cols]).mean(axis=1)[:, None]
-            share = cavity_evidence(values, (eta_along - values * mean_along) ** 2, usual)
-            share += np.sum(eta_along * mean_along - 0.5 * values * mean_along**2, axis=1)
-            gains.fault[members] = fault_evidence(values, eta_along**2, of_these) - share
-            gains.healthy[members] = cavity_evidence(values, eta_along**2, of_these**2 / q) - share
-            gains.sigma[members] = np.sqrt(values.max(axis=1))
-            shown = np.divide(eta_along, values, out=np.zeros_like(values), where=values > 0)
-            gains.size[members] = np.linalg.norm(shown, axis=1)
-            if q == 1:
-                one_sided = np.array([forms[k].one_sided for k in members.tolist()], dtype=bool)
-                wrong_way = members[one_sided & (eta[:, 0] < 0)]
-                gains.fault[wrong_way] = gains.healthy[wrong_way] = -np.inf
-        return gains
-
-    def size(self, form: Form) -> Array:
-        """Coefficients (q,), in healthy sizes, of a form as a fault."""
-        cols = np.array(form.columns)
-        inverse, precision = self._inverse_and_cavity(cols)
-        eta = inverse @ self.mean[cols] - self.background.pull[cols]
-        return np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta)
-
-    def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
-        """Inverse covariance (…, q, q) among columns (…, q), and the same minus their prior precision."""
-        inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
-        precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
-        precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
-        return inverse, precision
+    def as_coefficients(self) -> ResizedCoefficients:
+        """The same distribution as a matrix, whose prior variances can be changed."""
+        of_terms = self._taken @ self.term_covariance @ self._taken.T
+        return ResizedCoefficients(self.background, self.mean, self.background.covariance + of_terms)
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Information of the readings about whitened columns (N, q), fitted together with all other terms: precision Λ
@@ -448,6 +480,38 @@ class CoefficientPosterior:
         terms = self.term_covariance @ self._products_with(marginal)[:-1]
         taken = self.background.absorbed_coefficients(marginal.absorbed) - self._taken @ terms
         return columns - self.terms.T @ terms - self.background.columns.X @ taken
+
+
+@dataclass(frozen=True, eq=False)
+class ResizedCoefficients(Coefficients):
+    """Posterior with changed prior variances of a few coefficients, without a new factor."""
+
+    background: Background
+    means: Array
+    covariance: Array
+    """Covariance (p, p) of all coefficients."""
+
+    @property
+    def mean(self) -> Array:
+        return self.means
+
+    def covariance_among(self, columns: Integers) -> Array:
+        return np.asarray(self.covariance[columns[..., :, None], columns[..., None, :]], dtype=float)
+
+    def with_fault(self, form: Form) -> ResizedCoefficients:
+        """The posterior if a form has the wide prior of a fitted effect: a change of rank q of the inverse covariance
+        (Woodbury).
+        """
+        cols = np.array(form.columns)
+        before, mean_before = self.background.variance[cols], self.background.mean[cols]
+        change = 1 / LARGEST_FAULT**2 - 1 / before
+        across = self.covariance[:, cols]
+        inner = np.diag(1 / change) + across[cols]
+        covariance = self.covariance - across @ np.linalg.solve(inner, across.T)
+        mean = self.mean - covariance[:, cols] @ (mean_before / before + change * self.mean[cols])
+        variance, prior_mean = self.background.variance.copy(), self.background.mean.copy()
+        variance[cols], prior_mean[cols] = LARGEST_FAULT**2, 0.0
+        return ResizedCoefficients(replace(self.background, variance=variance, mean=prior_mean), mean, covariance)
 
 
 def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:

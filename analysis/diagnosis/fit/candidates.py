@@ -278,11 +278,11 @@ class Columns:
     def weighted_gram(self, weight: Array) -> Array:
         """X'WX (p, p) for weights (N,), from the Gram matrices of the bands."""
         weights = self.by_band(weight)
-        gram = self.gram.copy()
+        even = weights.scale.copy()
+        even[weights.uneven] = 0.0
+        gram: Array = np.tensordot(even, self.K, axes=1)
         for band in weights.uneven:
-            gram += self._uneven_gram(band, weights) - self.K[band]
-        for band in set(np.flatnonzero(weights.scale != 1).tolist()).difference(weights.uneven):  # most weights are 1
-            gram += (weights.scale[band] - 1) * self.K[band]
+            gram += self._uneven_gram(band, weights)
         return gram
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:

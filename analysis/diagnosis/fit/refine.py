@@ -103,12 +103,16 @@ class Refined:
 
     def without(self, place: int) -> Refined:
         """The fit with an effect removed, the others unchanged; the residual is not updated."""
-        kept = [k for k, unknown in enumerate(self.unknowns) if unknown.effect != place]
-        unknowns = [replace(u, effect=u.effect - (u.effect > place)) for u in self.unknowns if u.effect != place]
+        return self.only([k for k in range(len(self.effects)) if k != place])
+
+    def only(self, places: Sequence[int]) -> Refined:
+        """The fit with the effects at these places in this order, unchanged; the residual is not updated."""
+        rows = [row for place in places for row, unknown in enumerate(self.unknowns) if unknown.effect == place]
+        unknowns = [replace(self.unknowns[row], effect=places.index(self.unknowns[row].effect)) for row in rows]
         return replace(
-            self, effects=_all_but(self.effects, place), unknowns=tuple(unknowns), values=self.values[kept],
-            covariance=self.covariance[np.ix_(kept, kept)], to_limit=self.to_limit[kept],
-            tangents=_all_but(self.tangents, place), departures=_all_but(self.departures, place),
+            self, effects=_at(self.effects, places), unknowns=tuple(unknowns), values=self.values[rows],
+            covariance=self.covariance[np.ix_(rows, rows)], to_limit=self.to_limit[rows],
+            tangents=_at(self.tangents, places), departures=_at(self.departures, places),
         )  # fmt: skip
 
 
@@ -120,14 +124,14 @@ def refine(
     free: Array | None = None,
     rounds: int = FIT_ROUNDS,
     *,
-    begins: bool = False,
+    with_alike: bool | None = None,
 ) -> Refined:
     """Fit sizes and shapes of effects from their current values.
 
     `fitted` is an earlier fit of the first of these effects, which move along their tangents; a final fit of all
     together removes the error of that. A new effect starts within the limits of its size, and is first fitted
-    separately if others resemble it. `free` (N, f): columns of unknown causes. `begins`: end before the joint fit with
-    effects resembling the new effect.
+    separately if others resemble it. `free` (N, f): columns of unknown causes. `with_alike`: only the
+    fit together with effects resembling a new effect, or only that without them.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
@@ -144,11 +148,11 @@ def refine(
             begin, rounds
         )
 
-    if fitted:
+    if fitted and not with_alike:
         # Fitted together with effects resembling it, a new effect may diverge: a backlash ended at a fifth of the
         # width.
         first = solved(effects, alike=False)
-        if begins or not any(effect.departures().alike for effect in effects[old:]):
+        if with_alike is False or not any(effect.departures().alike for effect in effects[old:]):
             return first
         effects = first.effects
     return solved(effects, alike=True)
@@ -397,5 +401,5 @@ def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> l
     return unknowns
 
 
-def _all_but(items: tuple[_One, ...], place: int) -> tuple[_One, ...]:
-    return (*items[:place], *items[place + 1 :])
+def _at(items: tuple[_One, ...], places: Sequence[int]) -> tuple[_One, ...]:
+    return tuple(items[place] for place in places)

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import fit_run_setups
-from analysis.diagnosis.fit.background import CoefficientPosterior
+from analysis.diagnosis.fit.background import CoefficientPosterior, Work
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import (
@@ -27,7 +27,7 @@ from analysis.diagnosis.fit.responses import (
 )
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.fit.selection import Effort, Selection
-from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
+from analysis.diagnosis.fit.selection_state import SelectionState, beginnings, large_effects
 from analysis.robot.kinematics.arm import Array, Mask, drive_angles
 from analysis.robot.predict import SetUp
 from rigs.effects import Effect
@@ -74,6 +74,11 @@ class SearchResult:
     @property
     def columns(self) -> Columns:
         return self.selection.columns
+
+    @property
+    def work(self) -> Work:
+        """Computations of the search so far, and of the comparisons that follow it."""
+        return self.selection.work
 
     @property
     def fit(self) -> Refined:
@@ -208,14 +213,14 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     """
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
-    effort = Effort()
-    setups, begun = _starting_setups(runs, progress)
+    effort, work = Effort(), Work()
+    setups, begun = _starting_setups(runs, progress, work)
     for turn in range(_ITERATIONS):
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = replace(_selection(runs, setups, so_far), effort=effort)
+        selection = replace(_selection(runs, setups, so_far), effort=effort, work=work)
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(so_far, begun), refitted)
-        refitted = begun.possible_faults(begun.effects)
+        refitted = large_effects(begun.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS or effort.is_spent
         if is_last or selection.is_valid_for(state):
@@ -268,7 +273,7 @@ def _selection(
 
 
 def _starting_setups(
-    runs: Sequence[ObservedRun], progress: Callable[[str], None]
+    runs: Sequence[ObservedRun], progress: Callable[[str], None], work: Work | None = None
 ) -> tuple[dict[str, SetUp], SelectionState | None]:
     """Fit initial set-ups; for poses, also return the state in which they were fitted, with the curves of the joints.
 
@@ -281,7 +286,7 @@ def _starting_setups(
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         of_poses = {run.setup: setups[run.setup] for run in poses}
-        selection = _selection(poses, of_poses)
+        selection = replace(_selection(poses, of_poses), work=work or Work())
         begun = selection.initial_state(previous=begun)
         moves = selection.moves(begun)
         setups |= selection.linear.setups_moved_by(moves)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.diagnosis.fit.background import CoefficientPosterior
+from analysis.diagnosis.fit.background import CoefficientPosterior, Coefficients
 from analysis.diagnosis.fit.candidates import HEALTHY, HEALTHY_APART
 from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
-from analysis.diagnosis.fit.refine import FIT_ROUNDS, no_effects, refine
+from analysis.diagnosis.fit.leave_out import UNDECIDED, LeaveOut
+from analysis.diagnosis.fit.refine import FIT_ROUNDS, Refined, no_effects, refine
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.selection_state import (
+    FAULT,
     SelectionState,
     beginnings,
     is_alike,
@@ -21,7 +23,7 @@ from analysis.diagnosis.fit.selection_state import (
     spurious_wave_series,
 )
 from analysis.diagnosis.fit.starting_effects import starting_effects
-from analysis.diagnosis.fit.state_evidence import MOST_LEVEL, StateEvidence
+from analysis.diagnosis.fit.state_evidence import HEALTHY_PRICE, MOST_LEVEL, StateEvidence
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import is_wave, name_of
@@ -60,6 +62,10 @@ must gain. Chosen: twice the noise, and odds of 150 to 1.
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names fitted before a name is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round.
+"""
+_IMITATED = 0.05
+"""Share of the gain of an effect that the residual of its imperfect form may give to others. Chosen: orders of waves
+and widths of backlashes are scanned at steps that leave less.
 """
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
 """Log evidence a form must have for its name to be fitted although no name gains much, and its significance in sigmas.
@@ -131,7 +137,7 @@ class Selection(StateEvidence):
         none, first = replace(no_effects(self.linear), effects=tuple(effects)), curves if self._of_tracker else None
         level = HEALTHY if self.columns.constants_apart else HEALTHY_APART
         bare = SelectionState(none, (-1,) * len(effects), level, strength, robust, curves=first)
-        state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
+        state = replace(bare, refined=self._fitted(bare, effects))
         if first is not None:
             # Alternate between the likeliest curves and noise, and the weights of outliers. With weights computed
             # before the curves, readings looked like outliers wherever a curve was large, and 30 poses of a UR10 left a
@@ -202,7 +208,7 @@ class Selection(StateEvidence):
         place = 0
         for effect in state.effects:
             again = None
-            if state.may_be_fault(place) and not any(is_one(earlier, effect) for earlier in refitted):
+            if state.is_large(place) and not any(is_one(earlier, effect) for earlier in refitted):
                 without = self.without(state, place)
                 posterior = self.posterior(without)
                 gain = self.gains(without, posterior)
@@ -255,13 +261,15 @@ class Selection(StateEvidence):
                     with_unknown = with_unknown or unnamed
                     if accept_unknown and unnamed:
                         changed = unnamed
-                    elif changed is not None and changed.may_be_fault(-1):
+                    elif changed is not None and changed.is_large(-1):
                         newest = changed.effects[-1]
                         is_new = not any(is_alike(effect, newest) for effect in self.linear.reference)
                         if stops and with_unknown is None and is_new and not self.is_valid_for(changed):
                             self._note_round(state, changed)
                             return changed, None
                         changed = self.settled(*beginnings(changed))
+                    elif changed is not None:
+                        changed = self.with_usual_effects(changed, posterior)
                 changed = changed or self.backward_step(state, posterior, below=_SURE_EVIDENCE)
                 changed = changed or self.without_unknown_cause(state) or self.step_from_noise(state)
                 if changed is None:
@@ -282,13 +290,16 @@ class Selection(StateEvidence):
         while (more := self._with_cause(state)) is not None:
             state = more
         waves = [k for k, effect in enumerate(state.effects) if is_of_curve(effect)]
-        if len(waves) > 1:
-            state = self._cause_instead(state, waves) or state
+        left_out = LeaveOut(self, state, self.causes_of_circles)
+        if len(waves) > 1 and (instead := self._cause_instead(left_out, waves)):
+            left_out = replace(left_out, state=instead)
         place = 0
-        while place < len(state.effects):
-            instead = self._cause_instead(state, [place])
-            place, state = (place + 1, state) if instead is None else (place, instead)
-        return state
+        while place < len(left_out.state.effects):
+            if instead := self._cause_instead(left_out, [place]):
+                left_out = replace(left_out, state=instead)
+            else:
+                place += 1
+        return left_out.state
 
     def _with_cause(self, state: SelectionState) -> SelectionState | None:
         tried = [self._likeliest_cause_in(begun) for begun in beginnings(state)]
@@ -296,11 +307,13 @@ class Selection(StateEvidence):
         evidence, likeliest = self.likeliest(found) if found else (-np.inf, None)
         return likeliest if evidence > self.evidence(state) else None
 
-    def _cause_instead(self, state: SelectionState, places: Sequence[int]) -> SelectionState | None:
+    def _cause_instead(self, left_out: LeaveOut, places: Sequence[int]) -> SelectionState | None:
         """The state without the names at these places, with or without an unknown cause instead, if that explains as
         much.
         """
-        without = state
+        if not left_out.is_close(places):
+            return None
+        state = without = left_out.state
         for place in reversed(places):
             without = self.without(without, place)
         tried = [without, *filter(None, [self._likeliest_cause_in(without)])]
@@ -334,8 +347,9 @@ class Selection(StateEvidence):
                 return self.forward_step(state, posterior, try_unknown=try_unknown)
             # The level remaining after each name may decide: with the right name the arm is quieter.
             # The present state is renewed too, because a new estimate of noise or level alone would look like a gain.
-            renewed = self.renewed if len(with_each) > 1 else (lambda added: added)
-            rise, changed = self.likeliest([renewed(added) for added in with_each.values()])
+            close = self._within(UNDECIDED, [*with_each.values()])
+            renewed = self.renewed if len(close) > 1 else (lambda added: added)
+            rise, changed = self.likeliest([renewed(added) for added in close])
             before = renewed(state)
             rise -= self.likeliest([before, replace(before, level=changed.level)])[0]
             if gain[best[0]] < _MUCH and rise <= 0:
@@ -351,7 +365,12 @@ class Selection(StateEvidence):
             return changed, None
         return changed, self.refitted(replace(state, unknown=(*state.unknown, cause)))
 
-    def _gains_of_allowed(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
+    def _within(self, log_evidence: float, states: Sequence[SelectionState]) -> list[SelectionState]:
+        """The likeliest of several states, and all that are less likely by at most `log_evidence`."""
+        each = [self.evidence(state) for state in states]
+        return [state for value, state in zip(each, states, strict=True) if value >= max(each) - log_evidence]
+
+    def _gains_of_allowed(self, state: SelectionState, posterior: Coefficients) -> Array:
         """Gains (n,) of the forms, minus infinity for refused ones."""
         gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
@@ -437,16 +456,50 @@ class Selection(StateEvidence):
         return self._with_effect(state, effects[0], k)
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
-        effects, rounds = (*state.effects, effect), _FEW_ROUNDS if begins else FIT_ROUNDS
-        bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
-        background = self.backgrounds.of(bare)
-        refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
-        return replace(bare, refined=refined)
+        return self._with_effects(state, {k: effect}, begins=begins)
+
+    def _with_effects(
+        self, state: SelectionState, added: Mapping[int, Effect], *, begins: bool = False
+    ) -> SelectionState:
+        """Add effects, by the forms they come from, and fit them together."""
+        effects, rounds = (*state.effects, *added.values()), _FEW_ROUNDS if begins else FIT_ROUNDS
+        bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, *added))
+        return replace(
+            bare,
+            refined=self._fitted(bare, effects, state.refined, rounds=rounds, with_alike=False if begins else None),
+        )
+
+    def with_usual_effects(self, state: SelectionState, before: CoefficientPosterior) -> SelectionState:
+        """Add all further effects of usual size that explain as much as the one just added, and fit them together.
+
+        Every arm shows some of them, and each round of a search costs several fits. They are chosen by low-rank changes
+        of the posterior `before` the addition, one of each name, and only those that the imperfect form of another
+        cannot imitate.
+        """
+        forms, added = self.columns.forms, dict[int, Effect]()
+        posterior = self.posterior(state)
+        coefficients = posterior.as_coefficients()
+        first = self.gains(state, before)[state.origins[-1]]
+        names = {name_of(state.effects[-1])}
+        while len(state.effects) + len(added) < _DEPTH:
+            gain = self._gains_of_allowed(state, coefficients)
+            gain[[k for k, form in enumerate(forms) if form.name in names]] = -np.inf
+            best = int(np.argmax(gain))
+            if not gain[best] > max(_IMITATED * first, HEALTHY_PRICE):
+                break
+            if np.linalg.norm(coefficients.size(forms[best])) > FAULT:
+                break
+            names.add(forms[best].name)
+            begins = starting_effects(self.linear, self.columns, posterior, forms[best])[0]
+            if not any(is_one(effect, begins) for effect in state.effects):
+                added[best] = begins
+            coefficients = coefficients.with_fault(forms[best])
+        return self._with_effects(state, added) if added else state
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Remove an effect and refit the others along their tangents."""
         bare = self._without_refit(state, place)
-        return replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), bare.effects, bare.refined))
+        return replace(bare, refined=self._fitted(bare, bare.effects, bare.refined))
 
     def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
         kept = state.refined.without(place)
@@ -458,11 +511,29 @@ class Selection(StateEvidence):
         none = Response(np.empty((len(self.linear.y), 0)))
         return self.renewed(replace(state, unknown=(), refined=replace(state.refined, free=none)))
 
-    def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
-        """Fit all effects together."""
+    def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS, *, only_large: bool = False) -> SelectionState:
+        """Fit all effects together. only_large: effects of usual size move along their tangents, and come first."""
         free = np.concatenate([np.empty((len(self.linear.y), 0)), *(cause.columns for cause in state.unknown)], axis=1)
-        refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
-        return replace(state, refined=refined)
+        places = range(len(state.effects))
+        usual = [k for k in places if only_large and not state.is_large(k)]
+        order = usual + [k for k in places if k not in usual]
+        effects, fitted = [state.effects[k] for k in order], state.refined.only(usual) if usual else None
+        refined = self._fitted(state, effects, fitted, free=free, rounds=rounds, with_alike=True)
+        return replace(state, refined=refined, origins=tuple(state.origins[k] for k in order))
+
+    def _fitted(
+        self,
+        state: SelectionState,
+        effects: Sequence[Effect],
+        fitted: Refined | None = None,
+        *,
+        free: Array | None = None,
+        rounds: int = FIT_ROUNDS,
+        with_alike: bool | None = None,
+    ) -> Refined:
+        self.work.fits += 1
+        background = self.backgrounds.of(state)
+        return refine(self.linear, background, effects, fitted, free, rounds, with_alike=with_alike)
 
     def settled(self, *begins: SelectionState, least: float = -np.inf) -> SelectionState:
         """Fit effects and noise in turn from each of several states, until the evidence hardly rises, and return the
@@ -472,9 +543,10 @@ class Selection(StateEvidence):
         """
         states = []
         for begin in begins:
-            now, gain = self.refitted(begin, _FEW_ROUNDS), np.inf
+            now, gain = self.refitted(begin, _FEW_ROUNDS, only_large=True), np.inf
             for rounds in reversed(range(_SETTLING_ROUNDS)):
-                previous, now, last_gain = now, self.refitted(self.renewed(now), _FEW_ROUNDS), gain
+                previous, last_gain = now, gain
+                now = self.refitted(self.renewed(now), _FEW_ROUNDS, only_large=True)
                 gain = self.evidence(now) - self.evidence(previous)
                 if gain < _ENOUGH or (gain < last_gain < np.inf and self.evidence(now) + rounds * gain < least):
                     break

@@ -11,7 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import recent
-from analysis.diagnosis.fit.background import Background, CoefficientPosterior
+from analysis.diagnosis.fit.background import Background, CoefficientPosterior, Work
 from analysis.diagnosis.fit.candidates import (
     Columns,
     Level,
@@ -42,6 +42,11 @@ def least_fault(effect: Effect, reference: Reference) -> float:
     """
     is_difference = reference.is_data_sheet and not effect.WEARS
     return math.inf if is_difference else FAULT * effect.usual_times(reference)
+
+
+def large_effects(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects larger than in healthy arms. The readings change nearly in proportion to small changes of others."""
+    return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT)
 
 
 DRIVEN_WAVES = 2.0
@@ -84,6 +89,9 @@ class SelectionState:
 
     def may_be_fault(self, place: int) -> bool:
         return bool(self.possible_faults([self.refined.effects[place]]))
+
+    def is_large(self, place: int) -> bool:
+        return bool(large_effects([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """The effects larger than in healthy arms, or, if this arm is better than those, than usual in this arm."""
@@ -157,11 +165,13 @@ class Backgrounds:
 
     columns: Columns
     reference: Reference
+    work: Work = field(default_factory=Work, repr=False)
     _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
     _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
     _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
 
-    def of(self, state: SelectionState) -> Background:
+    def prior(self, state: SelectionState) -> tuple[Array, Array]:
+        """Prior variances and means (p,) of all coefficients in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
         if has_compliant_base_only(state.effects):
@@ -171,11 +181,17 @@ class Backgrounds:
             if name not in self._shares:
                 self._shares[name] = remaining_column_shares(columns.forms, effect, len(columns.healthy))
             variance, mean = self._shares[name] * variance, self._shares[name] * mean
+        return variance, mean
+
+    def of(self, state: SelectionState) -> Background:
+        columns, (variance, mean) = self.columns, self.prior(state)
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
         weighted_gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
-        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, weighted_gram), _KEPT)
+        return recent(
+            self._recent, key, lambda: Background(columns, weight, variance, mean, weighted_gram, self.work), _KEPT
+        )
 
     @cached_property
     def _usual_load(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.evidence.noise import LEAST_ASSUMED
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
-from analysis.diagnosis.fit.background import Background, CoefficientPosterior, cavity_evidence, fault_evidence
+from analysis.diagnosis.fit.background import (
+    Background,
+    CoefficientPosterior,
+    Coefficients,
+    Work,
+    cavity_evidence,
+    fault_evidence,
+)
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, WEIGHT_DIGITS, Columns, Level, fault_sizes, order_of
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.refine import whole_order_gain
@@ -22,6 +29,7 @@ from analysis.diagnosis.fit.selection_state import (
     Backgrounds,
     SelectionState,
     has_compliant_base_only,
+    large_effects,
 )
 from analysis.diagnosis.fit.unknown import UnknownCauses
 from analysis.robot.kinematics.arm import Array, Mask
@@ -89,6 +97,7 @@ class StateEvidence:
 
     linear: Linearisation
     columns: Columns
+    work: Work = field(default_factory=Work, compare=False)
 
     @cached_property
     def fault_price(self) -> float:
@@ -219,21 +228,24 @@ class StateEvidence:
 
     @cached_property
     def backgrounds(self) -> Backgrounds:
-        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.reference)
+        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.reference, self.work)
 
     def posterior(self, state: SelectionState) -> CoefficientPosterior:
         return self.backgrounds.of(state).posterior(state.refined.fitted_terms)
 
     def evidence(self, state: SelectionState) -> float:
         """Log evidence of a state, up to a constant."""
-        evidence = self.backgrounds.of(state).evidence(state.refined.fitted_terms)
+        return self.backgrounds.of(state).evidence(state.refined.fitted_terms) + self.log_prior(state)
+
+    def log_prior(self, state: SelectionState) -> float:
+        """Log prior odds of the effects and unknown causes of a state, relative to the wide priors of the fit."""
         prices = sum(self.price(effect, state.level) for effect in state.effects)
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
         if has_compliant_base_only(state.effects):
             prices -= HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
         if state.unknown:
             prices -= len(state.unknown) * self.causes_of_circles.price
-        return evidence + prices
+        return prices
 
     def evidence_of_names(self, state: SelectionState) -> float:
         """The same for a comparison of names, each of which may be of usual size."""
@@ -243,7 +255,7 @@ class StateEvidence:
         """The largest log evidence of several states, and the first state that has it."""
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
-    def gains(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
+    def gains(self, state: SelectionState, posterior: Coefficients) -> Array:
         """Log odds (n,) of each form as a named effect, as a fault or of healthy size, against remaining in the
         background.
         """
@@ -303,7 +315,7 @@ class StateEvidence:
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
-        reference, faults = state.possible_faults(linear.reference), state.possible_faults(state.effects)
+        reference, faults = large_effects(linear.reference), large_effects(state.effects)
         if not (reference or faults):
             return True
         with_reference, with_faults, without = (linear.residual(effects) for effects in (reference, faults, ()))

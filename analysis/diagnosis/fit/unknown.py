@@ -87,7 +87,11 @@ class UnknownCauses:
 
     def gains(self, posterior: CoefficientPosterior) -> dict[str, Array]:
         """Log evidence (a,) that each kind gains in addition to a state, with each amplitude."""
-        gains, cavities = {}, posterior.cavities_within_limits([*self.responses.values()])
+        return self.gains_of(posterior.cavities_within_limits([*self.responses.values()]))
+
+    def gains_of(self, cavities: Sequence[tuple[Array, Array]]) -> dict[str, Array]:
+        """The same, given the information of the readings about the columns of each kind."""
+        gains = {}
         for kind, (products, slope) in zip(self.responses, cavities, strict=True):
             power, turn = np.linalg.eigh(products)
             seen = (turn.T @ slope) ** 2

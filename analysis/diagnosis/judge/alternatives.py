@@ -15,11 +15,13 @@ from typing import Literal
 import numpy as np
 
 from analysis.diagnosis.fit.joint_curves import is_of_curve
+from analysis.diagnosis.fit.leave_out import UNDECIDED, LeaveOut
 from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
 from analysis.diagnosis.fit.unknown import likeliest_kind, total_gain
+from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import size_of
 from rigs.schema.scene import OUTSIDE_ARM
@@ -36,7 +38,7 @@ _LOUDER = 1.5
 to 1.2.
 """
 _MOST = 6
-"""Largest number of least certain names that an unknown cause replaces step by step. Chosen: each costs a fit."""
+"""Largest number of least certain names that an unknown cause replaces step by step. Chosen: each may cost a fit."""
 _Share = tuple[SelectionState, float]
 _NONE = -690.0
 """Log evidence of an alternative without any."""
@@ -63,12 +65,11 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
     """The alternatives to each named effect. only_commanded: the runs contain commanded angles, and an angle that the
     arm did not reach explains the readings as well as any error of the arm.
     """
-    compared, selection, linear = _Comparison(result), result.selection, result.linear
-    without = [selection.without(result.state, k) for k in range(len(result.effects))]
-    of_unknown = [compared.with_unknown(each) - compared.of_name for each in without]
+    compared, linear = _Comparison(result), result.linear
+    without = [compared.without([k]) for k in range(len(result.effects))]
+    of_unknown = [with_unknown for _, with_unknown in without]
     of_several, hypotheses = compared.of_several(of_unknown), []
-    for k, (effect, odds, bare) in enumerate(zip(result.effects, result.rival_odds, without, strict=True)):
-        louder = replace(bare, strength=selection.strength(bare, selection.posterior(bare)))
+    for k, (effect, odds) in enumerate(zip(result.effects, result.rival_odds, strict=True)):
         twins, rivals = list[_Share](), list[_Share]()
         for tried, share in odds.rivals:
             if not ended_at_limit(tried.effects[-1]):  # no effect of that kind is so large
@@ -76,7 +77,7 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
                 (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append((tried, share))
         own = odds.odds + sum(share for _, share in twins)
         log_evidence: dict[Alternative, float] = {
-            "nothing": max(selection.evidence(bare), selection.evidence(louder)) - compared.of_name,
+            "nothing": without[k][0],
             "healthy": _log_ratio(odds.healthy_odds, own),
             "rival": _log_ratio(sum(share for _, share in rivals), own),
             "unknown": of_unknown[k],
@@ -117,12 +118,46 @@ class _Comparison:
             gains = causes.gains(selection.posterior(at_noise))
             each.append(selection.evidence(at_noise) + total_gain(gains))
             if self.present:
-                columns = [state.refined.free.columns, causes.likeliest_columns(self.present, gains[self.present])]
-                refined = replace(state.refined, free=Response(np.concatenate(columns, axis=1)))
-                beside = replace(at_noise, refined=refined)
+                beside = _with_columns(at_noise, causes.likeliest_columns(self.present, gains[self.present]))
                 evidence = selection.evidence(beside)
                 each += [evidence, evidence + total_gain(causes.gains(selection.posterior(beside)))]
         return float(np.logaddexp.reduce(each))
+
+    @cached_property
+    def _left_out(self) -> list[list[LeaveOut]]:
+        """The state at each noise, without and, if the readings show one, with an unknown cause."""
+        causes = self.result.selection.causes
+        left_out = []
+        for at_noise in _with_noise(self.result.state):
+            each = [at_noise]
+            if self.present:
+                gains = causes.gains(self.result.selection.posterior(at_noise))[self.present]
+                each.append(_with_columns(at_noise, causes.likeliest_columns(self.present, gains)))
+            left_out.append([LeaveOut(self.result.selection, state, causes) for state in each])
+        return left_out
+
+    def without(self, places: Sequence[int]) -> tuple[float, float]:
+        """Log evidence of noise, and of noise or an unknown cause, in place of names, relative to all names.
+
+        The names are removed in a linear model; a fit follows only if it might decide.
+        """
+        alone, with_unknown = list[float](), list[float]()
+        for alternatives in self._left_out:
+            for k, left_out in enumerate(alternatives):
+                reduced = left_out.without(places)
+                gain = total_gain(reduced.cause_gains)
+                if k == 0:
+                    alone.append(reduced.evidence)
+                with_unknown.append(reduced.evidence + np.logaddexp(gain, 0.0 if k else -np.inf))
+        nothing, unknown = max(alone) - self.of_name, float(np.logaddexp.reduce(with_unknown)) - self.of_name
+        if unknown < -UNDECIDED and not self._left_out[0][0].is_close(places):
+            return nothing, unknown
+        selection, bare = self.result.selection, self.result.state
+        for place in sorted(places, reverse=True):
+            bare = selection.without(bare, place)
+        louder = replace(bare, strength=selection.strength(bare, selection.posterior(bare)))
+        nothing = max(selection.evidence(bare), selection.evidence(louder))
+        return nothing - self.of_name, self.with_unknown(bare) - self.of_name
 
     def of_several(self, of_unknown: Sequence[float]) -> list[float]:
         """Log evidence of an unknown cause behind each name and others: the least certain names, all waves of joints,
@@ -135,20 +170,24 @@ class _Comparison:
         faults = [k for k in doubtful if abs(size_of(effects[k])) > least_fault(effects[k], reference)]
         compared = set[frozenset[int]]()
         for order in (order for order in (doubtful, waves, faults) if len(order) > 1):
-            without = self.result.state
-            for count, place in enumerate(order, start=1):
+            for count in range(2, len(order) + 1):
                 removed = frozenset(order[:count])
-                without = self.result.selection.without(without, place - sum(k < place for k in order[: count - 1]))
                 is_compared = count == len(order) or (order is doubtful and count <= _MOST)
-                if count > 1 and is_compared and removed not in compared:
+                if is_compared and removed not in compared:
                     compared.add(removed)
-                    together = self.with_unknown(without) - self.of_name
+                    _, together = self.without(order[:count])
                     best = [max(value, together) if k in removed else value for k, value in enumerate(best)]
         return best
 
 
 def _log_ratio(share: float, own: float) -> float:
     return math.log(share / own) if share > 0 and own > 0 else _NONE
+
+
+def _with_columns(state: SelectionState, columns: Array) -> SelectionState:
+    """A state with an unknown cause in addition."""
+    free = Response(np.concatenate([state.refined.free.columns, columns], axis=1))
+    return replace(state, refined=replace(state.refined, free=free))
 
 
 def _with_noise(state: SelectionState) -> list[SelectionState]:

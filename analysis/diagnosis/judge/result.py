@@ -10,6 +10,7 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS, SURE_SIGMA
+from analysis.diagnosis.fit.background import Work
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn, NamingTest
 from analysis.diagnosis.judge.alternatives import Alternative
@@ -456,6 +457,7 @@ class Diagnosis(Tabular):
     """Shortest test that would distinguish the remaining possibilities."""
     doubts: tuple[str, ...] = ()
     seconds: float = 0.0
+    work: Work = field(default_factory=Work)
     calibrated: CalibratedModel | None = None
     staircase: Staircase | None = None
     """Residual as the parts of the budget are added to the model one after the other."""

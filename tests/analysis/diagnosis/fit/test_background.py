@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.fit.background import CoefficientPosterior, FittedTerms, background_of
-from analysis.diagnosis.fit.candidates import HEALTHY, Form, fault_sizes
+from analysis.diagnosis.fit.candidates import HEALTHY, LARGEST_FAULT, Form, fault_sizes
 from analysis.diagnosis.fit.responses import Response
 from rigs.effects import Backlash, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, columns_of
@@ -162,3 +162,17 @@ def test_the_cavity_of_columns_beside_all_else_is_that_of_the_dense_covariance()
     dense = _with_known(VARIANCE)
     np.testing.assert_allclose(precision, pair.T @ np.linalg.solve(dense, pair), rtol=1e-8)
     np.testing.assert_allclose(eta, pair.T @ np.linalg.solve(dense, AWAY), rtol=1e-8)
+
+
+@pytest.mark.parametrize("k", [0, 2])
+def test_posterior_with_a_fault_equals_that_of_a_new_factor(k):
+    variance, expected = VARIANCE.copy(), EXPECTED.copy()
+    cols = list(FORMS[k].columns)
+    variance[cols], expected[cols] = LARGEST_FAULT**2, 0.0
+    terms = FittedTerms(Y, (Response(T),), PRECISION, MEAN, np.full(2, np.nan))
+    wanted = background_of(BACKGROUND.columns, WEIGHT, variance, expected).posterior(terms)
+    found = _posterior().as_coefficients().with_fault(FORMS[k])
+    np.testing.assert_allclose(found.mean, wanted.mean, atol=1e-7)
+    everywhere = np.array([[0, 3], [8, 2], [4, 6]])
+    np.testing.assert_allclose(found.covariance_among(everywhere), wanted.covariance_among(everywhere), atol=1e-7)
+    np.testing.assert_allclose(found.gains(FORMS, HEALTHY).size, wanted.gains(FORMS, HEALTHY).size, rtol=1e-6)

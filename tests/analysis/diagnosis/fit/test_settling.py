@@ -20,7 +20,7 @@ def _fits(state: SelectionState, gain: Callable[[int], float], least: float = -n
     fits: list[SelectionState] = []
 
     class Gaining(Selection):
-        def refitted(self, state: SelectionState, rounds: int = 0) -> SelectionState:
+        def refitted(self, state: SelectionState, rounds: int = 0, *, only_large: bool = False) -> SelectionState:
             fits.append(replace(state, level=Level(state.level.others + gain(len(fits)))))
             return fits[-1]
 
