@@ -168,7 +168,7 @@ def check_wall_clock(state: int) -> CellFinding:
 
 def check_service(unit: str, properties: Mapping[str, str]) -> CellFinding:
     if properties.get("LoadState") != "loaded":
-        return doubtful(unit, "not installed", "run: sudo scripts/install")
+        return doubtful(unit, "not installed", "install the package of rig (docs/service.md)")
     active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
     restarts = int(properties.get("NRestarts") or 0)
     if active == "failed":
@@ -261,7 +261,7 @@ def check_access(about: str, port: str, root: Path) -> CellFinding | None:
         return wrong(about, f"{port} {mode}; this user has no access", remedy)
     if _BY_PLUGGING_ORDER.fullmatch(f"/dev/{device.resolve().name}") and group != _GROUP:
         observation = f"{port} {mode}; the service has access only to ports of {_GROUP}"
-        return doubtful(about, observation, "run scripts/install")
+        return doubtful(about, observation, "install the package of rig, which contains the udev rules")
     return None
 
 
@@ -290,7 +290,7 @@ def check_latency(about: str, port: str, root: Path) -> CellFinding | None:
     if ms < _LONG_MS:
         return ok(about, f"the adapter's latency timer is {ms} ms")
     observation = f"the adapter's latency timer is {ms} ms: answers and their timestamps are delayed"
-    remedy = f"run scripts/install; or, until the adapter is reconnected: echo 1 | sudo tee {timer}"
+    remedy = f"install the package of rig; or, until the adapter is reconnected: echo 1 | sudo tee {timer}"
     return doubtful(about, observation, remedy)
 
 

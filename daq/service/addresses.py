@@ -1,4 +1,4 @@
-"""Print the network addresses required by a rig as a systemd drop-in for `scripts/install`. The unit denies all others.
+"""Print the network addresses required by a rig as a systemd drop-in for `rig-addresses`. The unit denies all others.
 
 python -m daq.service.addresses RIG
 
@@ -48,7 +48,7 @@ def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
             needed.append(host)
         else:
             needed += [*resolve(host), *resolvers]
-    head = [f"# What {rig.name} reads, by the rig file; scripts/install writes it again.", "[Service]"]
+    head = [f"# What {rig.name} reads, by the rig file; rig-addresses writes it again.", "[Service]"]
     return "\n".join([*head, *(f"IPAddressAllow={address}" for address in dict.fromkeys(needed))]) + "\n"
 
 
