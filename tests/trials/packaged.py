@@ -80,11 +80,11 @@ def bare_debian(folder: Path) -> Iterator[Path]:
     )
     run("debootstrap", "--variant=minbase", release, folder)
     try:
-        for name in ("proc", "dev"):
+        for name in ("proc", "dev", "dev/pts"):
             run("mount", "--bind", f"/{name}", folder / name)
         yield folder
     finally:
-        for name in ("dev", "proc"):
+        for name in ("dev/pts", "dev", "proc"):
             subprocess.run(["umount", "-l", folder / name], check=False, capture_output=True)
 
 
