@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -23,8 +22,8 @@ EXIT_CODES = {
 }
 
 
-def main() -> None:
-    folder = Path(sys.argv[1])
+def main(folder: Annotated[Path, typer.Argument(metavar="DIRECTORY")]) -> None:
+    """Write rig.1 and rigd.8 into DIRECTORY."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "rig.1").write_text(page_of_rig(), encoding="utf-8")
     (folder / "rigd.8").write_text(page_of_rigd(), encoding="utf-8")
@@ -80,4 +79,4 @@ def _plain(text: str) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)
