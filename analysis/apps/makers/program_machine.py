@@ -189,6 +189,10 @@ class _Context:
     called_from: set[object] = field(default_factory=set)
 
 
+def called_routines(bodies: Iterable[Iterable[Statement]]) -> set[str]:
+    return {statement.name for body in bodies for statement in body if isinstance(statement, Call)}
+
+
 class _Machine:
     def __init__(self, program: Program) -> None:
         self.program = program

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.apps.makers.abb.statements import EXTERNAL_AXES, NO_AXIS, WORD, RapidStatements, literal_frames
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import OFF, Call, Set, Unknown, Value, reachable
+from analysis.apps.makers.program_machine import OFF, Set, Unknown, Value, called_routines, reachable
 from analysis.apps.makers.program_parser import NUMBER, brackets
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import NamedFrame, Notice, Parsed, ProgramTexts
@@ -179,15 +179,17 @@ class _RapidReader(RapidStatements):
                     self.shadowed |= {f"{kind} {word[0]}": why for kind in ("tool", "frame")}
 
     def add_other_tasks(self) -> None:
-        """Add the tools and work objects set by other tasks, which have a main routine of their own.
+        """Add the tools and work objects set by other tasks: their main routine calls none of these routines.
 
         Tasks may share persistent data of the same name.
         """
-        if not any(f"{file}:main" in self.routines for file in range(self.own)):
-            return
+        own = {name for file in range(self.own) for name in self.routines if name.startswith(f"{file}:")}
         for file in range(self.own, len(self.texts)):
             why = Unknown(file, 1, f"the main routine of {self.names[file]} may run in parallel")
-            for name in reachable(self.routines, [f"{file}:main"]):
+            reached = set(reachable(self.routines, [f"{file}:main"]))
+            if reached & own and not any(name.endswith(":main") for name in own):
+                continue  # the main routine of this task
+            for name in sorted(reached):
                 parts = [of for of in self.routines[name] if isinstance(of, Set)]
                 sets = [of for of in parts if of.variable.startswith(("tool ", "frame "))]
                 self.concurrently(why, partial(self.add, *sets))
@@ -204,10 +206,7 @@ class _RapidReader(RapidStatements):
 
     def first_routine(self) -> str | None:
         """The routine with which the operator starts: main, or the only one that no other calls."""
-        called = {
-            statement.name for body in self.routines.values() for statement in body if isinstance(statement, Call)
-        }
-        called |= {call.name for call in (*self.beside, *self.broken)}
+        called = called_routines(self.routines.values()) | {call.name for call in (*self.beside, *self.broken)}
         own = [name for file in range(self.own) for name in self.routines if name.startswith(f"{file}:")]
         first = [name for name in own if name.endswith(":main")] or [name for name in own if name not in called]
         return first[0] if len(first) == 1 else None

@@ -24,13 +24,16 @@ from analysis.apps.makers.program_machine import (
     ComputedValue,
     Elsewhere,
     End,
+    ForgetFamily,
     Jump,
     JumpTarget,
     Move,
     Needs,
     Ref,
+    Set,
     Unknown,
     Value,
+    called_routines,
 )
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, number_at
 from analysis.apps.makers.program_reader import ProgramReader, Remark
@@ -85,6 +88,8 @@ _JOINT = re.compile(rf"\bJ([1-6])\s*=\s*({NUMBER})\s*deg")
 _AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
 _OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})")
 _GROUP = re.compile(r"\bGP(\d)\s*:")
+_GROUPS = re.compile(r"^DEFAULT_GROUP\s*=\s*([1*])", re.MULTILINE)
+"""The first motion group of a listing, the arm: 1 if it moves it, * if not."""
 _ELBOW_RAD = np.radians(67.5)
 """Middle of the range of J2 + J3, the angle of the elbow: -70° to 205° of an LR Mate 200iD (ros-industrial/fanuc,
 lrmate200id_macro.xacro). No source states the range of other arms."""
@@ -170,6 +175,20 @@ class _TpReader(ProgramParser):
             self.at = line.at
             self._statement(line.text, line.last, line.logic)
         self.end_routine()
+
+    def add_background(self) -> None:
+        """Add what listings without the arm's motion group set, if no listing calls them.
+
+        Background logic, or a task started by a signal or another controller, runs them at any moment.
+        """
+        called = called_routines(self.routines.values()) | {call.name for call in self.beside}
+        for file in range(self.own, len(self.texts)):
+            groups = _GROUPS.search(self.texts[file])
+            if str(file) in called or groups is None or groups[1] == "1":
+                continue
+            why = Unknown(file, 1, f"{self.names[file]} may run at any moment: no listing calls it")
+            sets = [one for one in self.routines.get(str(file), ()) if isinstance(one, Set | ForgetFamily)]
+            self.concurrently(why, partial(self.add, *sets))
 
     def _statement(self, text: str, last: int, logic: tuple[_Line, ...] = ()) -> None:
         if move := _MOVE.fullmatch(text):
@@ -401,6 +420,7 @@ def parse(program: ProgramTexts) -> Parsed:
     reader = _TpReader(program)
     for file in range(len(program.texts)):
         reader.read(file)
+    reader.add_background()
     return reader.points.parsed(reader.program(kept=("UFRAME[", "UTOOL[")))
 
 
@@ -446,7 +466,9 @@ def _register(text: str, why: Unknown) -> Value | ComputedValue:
 
     def frame_from(values: tuple[Value, ...]) -> Value:
         numbers = [float(value) for value in values if isinstance(value, str) and re.fullmatch(NUMBER, value)]
-        return as_value(frame_of("roll_pitch_yaw", numbers)) if len(numbers) == 6 else why
+        if len(numbers) < len(values):
+            return min((value for value in values if isinstance(value, Unknown)), default=why)
+        return as_value(frame_of("roll_pitch_yaw", numbers))
 
     return ComputedValue(tuple(f"PR{int(whole[1])}[{axis}]" for axis in range(1, 7)), frame_from)
 

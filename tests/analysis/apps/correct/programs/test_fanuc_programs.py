@@ -93,3 +93,30 @@ def test_config_leaves_one_turn_of_the_elbow(elbow_deg, tmp_path):
     text = f"{listing('UFRAME_NUM=3', 'UTOOL_NUM=1', 'J P[2] 20% FINE')}/POS\n{point}\n/END\n"
     found = corrected_files(rig, tmp_path, {"a.ls": text}, *FANUC_STATED)
     assert found.names == ("P[2]",) and not found.left
+
+
+BACKGROUND = "/PROG  BGL\n/ATTR\nDEFAULT_GROUP\t= {groups};\n/MN\n   1:  {line} ;\n/POS\n/END\n"
+SETS_FRAME = [*(f"PR[5,{k}]={value}" for k, value in enumerate((0, 0, 0, 0, 0, 0), 1)), "UFRAME[3]=PR[5]"]
+
+
+@pytest.mark.parametrize(
+    ("groups", "line", "call", "known"),
+    [
+        ("*,*,*,*,*", "PR[5,6]=(R[6])", "", False),
+        ("*,*,*,*,*", "UFRAME[3]=PR[9]", "", False),
+        ("*,1,*,*,*", "PR[5,1]=7", "", False),
+        ("1,*,*,*,*", "PR[5,6]=(R[6])", "", True),
+        ("*,*,*,*,*", "R[5]=(R[6])", "", True),
+        ("*,*,*,*,*", "PR[6,6]=(R[6])", "", True),
+        ("*,*,*,*,*", "PR[5,6]=(R[6])", "CALL BGL", True),
+    ],
+)
+def test_listing_that_nothing_calls_may_set_a_frame_at_any_moment(tmp_path, groups, line, call, known):
+    text = selecting(*([call] if call else []), *SETS_FRAME, L2)
+    background = BACKGROUND.format(groups=groups, line=line)
+    found = corrected_cell("fanuc", tmp_path, {"a.ls": text, "bgl.ls": background})
+    if known:
+        assert "P[2]" in found.names
+    else:
+        (left,) = (one for one in found.left if one.name == "P[2]")
+        assert left.reason == "unknown_frame" and left.because[0].file == 1
