@@ -17,13 +17,13 @@ from rigs.families import link_sizes
 from rigs.schema.controllers import practice_of
 from rigs.schema.declared_tests import Automatic, KnownSocketDistance, Retention, Tests
 from rigs.schema.effect import name_of
-from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
+from rigs.schema.feedback import Feedback, LinuxCNC, NoFeedback, carries_signal
 from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.probe import Ball, BallLink, Temperature
 from rigs.schema.reference import Reference
-from rigs.schema.robot import ControllerArm, Robot
+from rigs.schema.robot import ControllerArm, LengthUnit, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
 _LINK_OFF_MM = 10.0
@@ -89,6 +89,23 @@ class Rig(Part):
     def controller(self) -> ControllerArm:
         stated = self.robot.controller
         return stated or ("unknown" if practice_of(self.maker or self.robot.name) else "data_sheet")
+
+    @property
+    def controller_doubt(self) -> str:
+        """Doubt about a stated data sheet of a controller whose maker measures each robot; empty without one."""
+        practice = practice_of(self.maker or self.robot.name)
+        if self.robot.controller != "data_sheet" or practice is None or practice.own_constants != "always":
+            return ""
+        if self.maker == "linuxcnc":  # its pins are those of the data sheet until somebody enters others
+            return ""
+        return f"robot.controller is data_sheet, but the maker measures each robot: give {practice.get} (--calibration)"
+
+    @property
+    def length_unit(self) -> LengthUnit | None:
+        """Unit of the lengths in the controller; None if the rig file does not state it."""
+        feedback = self.feedback
+        stated = isinstance(feedback, LinuxCNC) and "linear_units" in feedback.model_fields_set
+        return self.robot.linear_units or (feedback.linear_units if stated else None)
 
     @property
     def is_calibrated(self) -> bool:
@@ -167,6 +184,15 @@ class Rig(Part):
             problem = "an arm on a rail can be measured only with imported poses and touches"
             stands = "circle, hemisphere, iso9283, gauges and feedback need a fixed arm"
             raise ValueError(f"{problem}: {stands}; remove them, or remove the rail if it does not move")
+        return self
+
+    @model_validator(mode="after")
+    def _of_one_unit(self) -> Rig:
+        feedback, unit = self.feedback, self.robot.linear_units
+        stated = isinstance(feedback, LinuxCNC) and "linear_units" in feedback.model_fields_set
+        if unit and stated and feedback.linear_units != unit:
+            problem = f"linear_units is {unit} in robot and {feedback.linear_units} in feedback"
+            raise ValueError(f"{problem}; keep that of [TRAJ] in the INI file")
         return self
 
     @model_validator(mode="after")

@@ -12,6 +12,7 @@ from analysis.robot.description.controller_constants import (
     ControllerConstants,
     constants_from_poses,
     data_sheet_of,
+    refuse_other_constants,
     robot_with,
 )
 from analysis.robot.description.linuxcnc_configuration import configured_robot
@@ -22,7 +23,7 @@ from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.load import parse
 from rigs.rig import Rig
-from rigs.schema.robot import LinkConstants, Robot
+from rigs.schema.robot import ConstantsSource, LinkConstants, Pose, Robot, constants_hash
 from rigs.yaml_text import nodes_of
 
 DATA_SHEET = "data_sheet"
@@ -37,6 +38,7 @@ def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, s
     are relative to its axes, the axes stay and `controller_axes` holds the constants.
     """
     read = read_controller(rig.robot, source)
+    refuse_other_constants(rig, read, str(source))
     edited = text_with_robot(text, robot_with(rig, read))
     return parse(edited, rig.name).calibrated_as(rig), edited, read
 
@@ -48,17 +50,17 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
     angles and flange poses. Raises FileError for another type of arm, and for poses that show but do not determine
     constants of the controller.
     """
+    path = Path(source)
+    if path.suffix.lower() == ".ini":
+        return _from_pins(robot, path)
     robot = data_sheet_of(robot)
     if str(source) == DATA_SHEET:
         words = "the controller computes with the data sheet, as stated"
         return ControllerConstants(robot.axes, "data_sheet", 0.0, words)
-    path = Path(source)
     try:
         text = read_text(path, _MOST_BYTES) if path.suffix.lower() not in (".xlsx", ".ods") else ""
     except OSError as error:
         raise FileError.of_os(path, error, "check the path", code="file.unreadable") from None
-    if path.suffix.lower() == ".ini":
-        return _from_pins(robot, path)
     if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):
         problem = "is empty" if not text.strip() else "is neither calibration.conf nor the YAML of ur_calibration"
         remedy = "give one of them, or a table of joints and flange poses as CSV"
@@ -70,18 +72,24 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
         words = f"{path}: holds the constants of the data sheet: the controller's own are not in this file"
         return ControllerConstants(robot.axes, "unknown", found.moved_mm, words, found.notes)
     words = f"{path}: the controller's own constants; they move the flange by up to {found.moved_mm:.2f} mm"
-    return ControllerConstants(found.axes, "constants", found.moved_mm, words, found.notes)
+    origin = ConstantsSource(file=path.name[:200], serial=found.serial, constants=constants_hash(found.axes))
+    return ControllerConstants(found.axes, "constants", found.moved_mm, words, found.notes, origin)
 
 
 def _from_pins(robot: Robot, path: Path) -> ControllerConstants:
-    read = configured_robot(path)
+    """Read the pins of LinuxCNC, relative to the axes of a robot: its configuration has no data sheet."""
+    read, robot = configured_robot(path), robot.model_copy(update={"base": Pose(), "tool": Pose()})
+    if len(robot.axes) != len(read.axes) or robot.coupling != read.coupling or any(a.offset_deg for a in robot.axes):
+        problem = "sets pins of genserkins, which cannot express an arm with offset_deg, reversed or coupled axes"
+        raise FileError(str(path), problem, f"describe the arm by its pins: --arm {path}", code="linuxcnc.kinematics")
     pairs = zip(robot.axes, read.axes, strict=True)
     keys = LinkConstants.model_fields
     axes = tuple(axis.model_copy(update={key: getattr(its, key) for key in keys}) for axis, its in pairs)
     q = random_postures(robot)
     moved_mm, _ = largest_difference(flange_poses(robot.model_copy(update={"axes": axes}), q), flange_poses(robot, q))
     words = f"{path}: the pins of genserkins; they move the flange by up to {moved_mm:.2f} mm"
-    return ControllerConstants(axes, "constants", moved_mm, words)
+    unit, source = read.linear_units, read.controller_source
+    return ControllerConstants(axes, "constants", moved_mm, words, source=source, linear_units=unit)
 
 
 def _from_poses(robot: Robot, path: Path) -> ControllerConstants:

@@ -322,7 +322,7 @@ class LinuxCNC(_Feedback):
     servo_period_ms: float = Field(default=1.0, ge=0.1, le=100)
     """Period of the servo thread: SERVO_PERIOD in the section EMCMOT of the INI file, there in ns."""
     linear_units: Literal["mm", "inch"] = "mm"
-    """LINEAR_UNITS in the section TRAJ of the INI file: the unit of the lengths of genserkins."""
+    """LINEAR_UNITS in the section TRAJ of the INI file, as `linear_units` of `robot`."""
 
 
 class ModbusJoints(_Feedback, RegisterBlock):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -58,6 +60,29 @@ class LinkConstants(Part):
 
 
 ControllerArm = Literal["data_sheet", "constants", "unknown"]
+LengthUnit = Literal["mm", "inch"]
+SixNumbers = tuple[float, float, float, float, float, float]
+
+
+class GenserkinsPins(Part):
+    """Pins of genserkins as a configuration of LinuxCNC sets them: lengths in its unit, angles in rad."""
+
+    A: SixNumbers
+    ALPHA: SixNumbers
+    D: SixNumbers
+
+
+class ConstantsSource(Part):
+    """Origin of the constants of a controller."""
+
+    file: Annotated[str, Field(max_length=200)]
+    """Name of the file that held them."""
+    serial: Annotated[str, Field(max_length=200)] = ""
+    """Serial number or checksum of the robot in that file, if it has one."""
+    constants: Annotated[str, Field(pattern=r"[0-9a-f]{16}")]
+    """Hash of the constants, which tells whether another file holds those of the same robot."""
+    pins: GenserkinsPins | None = None
+    """Pins of LinuxCNC as they were read. Values to enter must stay near them."""
 
 
 class Rail(Part):
@@ -83,6 +108,12 @@ Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 def identity(count: int) -> tuple[Row, ...]:
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
+
+
+def constants_hash(axes: Iterable[LinkConstants | JointAxis]) -> str:
+    """Hash of the constants of a controller, rounded to a nanometre."""
+    rows = [[round(getattr(axis, key), 6) + 0.0 for key in LinkConstants.model_fields] for axis in axes]
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:16]
 
 
 _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
@@ -118,6 +149,13 @@ class Robot(Part):
     """
     controller_axes: tuple[LinkConstants, ...] = Field(default=(), exclude_if=lambda value: not value)
     """Constants of the controller, if the effects of this file were determined relative to the other ones in `axes`."""
+    controller_source: ConstantsSource | None = Field(default=None, exclude_if=lambda value: value is None)
+    """File from which rig read the constants of the controller."""
+    linear_units: LengthUnit | None = Field(default=None, exclude_if=lambda value: value is None)
+    """Unit of the lengths in the controller: LINEAR_UNITS in the section TRAJ of the INI file of LinuxCNC.
+
+    The lengths of this file are in mm. Required for values to enter at LinuxCNC.
+    """
     drives: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] | None = Field(
         default=None, exclude_if=lambda value: value is None
     )

@@ -23,7 +23,7 @@ from analysis.apps.report.texts import texts_of
 from analysis.cli.dialogue import Dialogue
 from daq.discovery.attempts import FoundGauge, PortReport, named_attempts
 from daq.discovery.port_search import PortWatch, SearchOptions, ports_here, search
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, UseError
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
 from rigs.schema.probe import Counts
@@ -57,6 +57,9 @@ def describe_gauge(name: str, gauge: Gauge) -> str:
     if "counts" in gauge.model_fields_set:
         return f"{which}, and counts {gauge.counts}"
     return f"{which}. Push {name} in. If the number goes up, restart with --key {name}.counts=towards"
+
+
+_WITHOUT_GAUGES = "without gauges, --measured-by sockets needs only a ball and two sockets"
 
 
 def ask_baseline(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
@@ -118,6 +121,10 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         if not ports and (here or not dialogue.terminal):  # the user has to approve each port
             for number, (port, description) in enumerate(here.items(), 1):
                 dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
+            if not dialogue.terminal:
+                problem = "is missing, and rig cannot ask without a terminal"
+                remedy = f"give --port; {_WITHOUT_GAUGES}"
+                raise UseError("--port", problem, remedy, code="answer.no_terminal")
             ports = dialogue.ask(texts_of("en")("ask_ports"), "--port", partial(_selected_ports, list(here)))
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
@@ -129,7 +136,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         if len(gauges) > 1 or options.places or (gauges and not dialogue.terminal):
             return gauges
         problem = "one answers" if gauges else "none answers" if reports else "a serial port was not found"
-        remedy = "connect and switch on the gauge, or name the port: --port PORT"
+        remedy = "connect and switch on the gauge, or name the port: --port PORT; " + _WITHOUT_GAUGES
         if not dialogue.terminal:
             raise CellError("gauges", problem, remedy, code="gauge.not_found")
         dialogue.say(f"gauges: {problem}; {remedy}")

@@ -29,7 +29,7 @@ from analysis.apps.commission.init_answers import (
 )
 from analysis.apps.report.texts import texts_of
 from analysis.cli.dialogue import Dialogue
-from analysis.robot.description.linuxcnc_configuration import configured_robot
+from analysis.robot.description.linuxcnc_configuration import configured_robot, narrow_limits
 from analysis.robot.description.rig_section import robot_text
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.written_files import holding, write_all_over
@@ -82,6 +82,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         if key == "gauges":
             for name, gauge in zip(("g1", "g2"), answers.gauges or (), strict=False):
                 dialogue.say(describe_gauge(name, gauge))
+    _say_narrow_limits(answers.arm or "", dialogue)
     arm, today = chosen_arm(answers.arm or "", options.measured_by), dt.datetime.now(dt.UTC).date()
     text = rig_text(answers, arm, options.name, today, options.measured_by)
     parse(text, str(path))
@@ -239,6 +240,13 @@ def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
     likely = [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
     arms = fill(", ".join(likely), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  ")
     return {"arm": dialogue.ask(_TEXTS("ask_arm", arms=arms), "--arm", read)}
+
+
+def _say_narrow_limits(arm: str, dialogue: Dialogue) -> None:
+    """Name the Cartesian limits of a LinuxCNC configuration that would stop programs of rig."""
+    if Path(arm).suffix.lower() == ".ini":
+        for narrow in narrow_limits(Path(arm)):
+            dialogue.say(f"  {arm}: limits {narrow}: programs of rig would stop there; widen MIN_LIMIT and MAX_LIMIT")
 
 
 def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:

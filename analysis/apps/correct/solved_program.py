@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +93,9 @@ def solve_program(
     unreachable start.
     """
     maker, texts = read_program(path, frames.neutral)
+    texts = replace(texts, machine_unit=rig.length_unit or "mm")
+    if maker.reader.shifts_only:
+        frames.refuse_turns(maker.files.label)
     parsed, arm = maker.reader.parse(texts), controller_arm(rig.robot)
     targets = parsed.targets
     located = [_located(arm, maker, frames, target) for target in targets]

@@ -13,7 +13,7 @@ from rigs.errors import UseError
 from rigs.schema.robot import Pose, Robot
 from rigs.text import numbers_in
 
-_HOW = "write NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
+_HOW = "write NAME=X,Y,Z or NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
 _NEAREST_MM = 5.0
 """Distance below which a tool or frame is probably in metres. Chosen: no arm is longer than 5 m."""
 _FARTHEST_MM = 1e6
@@ -33,6 +33,14 @@ class Frames:
 
     def stated(self, kind: str, name: str) -> Array | None:
         return (self.tools if kind == "tool" else self.frames).get(name.lower())
+
+    def refuse_turns(self, language: str) -> None:
+        """Raise UseError for a frame that turns, in a language whose frames only shift."""
+        for name, frame in self.frames.items():
+            if not np.allclose(frame[:3, :3], np.eye(3), atol=1e-9):
+                problem = f"turns, but {language} adds A, B and C of a work offset to the numbers of the pose"
+                remedy = "give X,Y,Z, and 0 for the angles; with other angles, rig cannot correct the program"
+                raise UseError(f"--frame {name.upper()}", problem, remedy, code="program.frame")
 
     def doubts(self, named: set[tuple[str, str]] | None) -> list[str]:
         """Doubts about frames that are probably in metres, or that no move uses. named: kinds and names in use, None
@@ -76,7 +84,8 @@ def _named(option: str, texts: Sequence[str], of_rig: Array | None) -> dict[str,
         elif values == "0":
             frame = np.eye(4)
         else:
-            numbers = _six(f"{option} {text}", values, _FARTHEST_MM, _HOW)
+            shift = numbers_in(values)
+            numbers = _six(f"{option} {text}", f"{values},0,0,0" if len(shift) == 3 else values, _FARTHEST_MM, _HOW)
             frame = transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))
         if not np.array_equal(frames.setdefault(name.lower(), frame), frame):
             problem = "is given twice, with different numbers"

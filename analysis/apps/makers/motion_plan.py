@@ -14,6 +14,7 @@ import numpy as np
 from analysis.robot.kinematics.arm import Arm, Array, forward
 from analysis.robot.kinematics.newton import cancelling_axes, conditioning
 from rigs.schema.feedback import Feedback
+from rigs.schema.robot import LengthUnit
 
 ZONE_MM = 0.3
 """Distance before the end of an arc at which the next may start, so that the tool does not stop. The corner deviates
@@ -116,6 +117,8 @@ class MotionPlan:
     signal_place: SignalPlace
     feedback: Feedback
     steps: tuple[Step, ...]
+    length_unit: LengthUnit | None = None
+    """Unit of the lengths in the controller, if the rig file states it."""
     has_link: bool = True
     """False if the target of a tracker is mounted instead of a ball link."""
 

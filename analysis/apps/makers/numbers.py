@@ -14,6 +14,7 @@ from analysis.robot.kinematics.arm import Array, roll_pitch_yaw, transform
 from rigs.schema.robot import Pose
 
 _M_MM = 1e3
+_MM_OF_INCHES = np.array([25.4, 25.4, 25.4, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,9 @@ def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     values = np.asarray(values, dtype=float)
-    if form == "roll_pitch_yaw":
+    if form == "inch_roll_pitch_yaw":
+        values = values * _MM_OF_INCHES
+    if form in ("roll_pitch_yaw", "inch_roll_pitch_yaw"):
         return transform(Pose(xyz_mm=tuple(values[:3]), rpy_deg=tuple(values[3:])))
     if form == "yaw_pitch_roll":
         return transform(Pose(xyz_mm=tuple(values[:3]), rpy_deg=tuple(values[:2:-1])))
@@ -91,7 +94,8 @@ def frame_numbers(form: Form, T: Array, old: Array) -> Array:
     if form == "yaw_pitch_roll":
         sets = [angles[::-1] for angles in sets]
     sets = [angles + 360 * np.rint((old[3:] - angles) / 360) for angles in sets]
-    return np.concatenate([T[:3, 3], _nearest(sets, old[3:])])
+    numbers = np.concatenate([T[:3, 3], _nearest(sets, old[3:])])
+    return numbers / _MM_OF_INCHES if form == "inch_roll_pitch_yaw" else numbers
 
 
 def _nearest(candidates: Sequence[Array], old: Array) -> Array:

@@ -27,6 +27,8 @@ class ProgramReader:
     remark: Remark
     null_tools: tuple[str, ...] = ()
     null_frames: tuple[str, ...] = ()
+    shifts_only: bool = False
+    """True if the controller adds the angles of a frame to those of a pose, so that rig knows only shifted frames."""
     of_world: bool = False
     """True if the null frame is the world of the cell, which equals the robot's foot if the arm is upright."""
     beside: tuple[str, ...] = ()

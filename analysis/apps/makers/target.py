@@ -9,10 +9,12 @@ from typing import Literal
 from analysis.apps.makers.program_machine import Unknown
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
+from rigs.schema.robot import LengthUnit
 
 Form = Literal[
-    "joints_rad", "joints_deg", "pulses", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "quaternion"
-]
+    "joints_rad", "joints_deg", "pulses", "rotation_vector", "roll_pitch_yaw", "inch_roll_pitch_yaw", "yaw_pitch_roll",
+    "quaternion",
+]  # fmt: skip
 """The meaning of the numbers of a target: joint angles 1 to 6, pulses, or a position followed by an orientation."""
 JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
 Way = Literal["joint", "closest", "line"]
@@ -148,3 +150,5 @@ class ProgramTexts:
     own: int = 1
     neutral: tuple[str, ...] = ()
     """Names of routines that change nothing, as stated by the user; they have empty texts."""
+    machine_unit: LengthUnit = "mm"
+    """Unit of the lengths in the controller."""

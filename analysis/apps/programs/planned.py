@@ -101,6 +101,7 @@ def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> MotionPlan:
         ball_mm=np.zeros(3),
         signal_place=SignalPlace(),
         feedback=rig.feedback,
+        length_unit=rig.length_unit,
         steps=tuple(steps),
         has_link=False,
     )
@@ -250,6 +251,7 @@ def _plan(
         ball_mm=_ball(arm, ball),
         signal_place=_signal_place(rig, number, outputs),
         feedback=rig.feedback,
+        length_unit=rig.length_unit,
         steps=tuple(steps),
     )
 

@@ -7,6 +7,7 @@ determine them to the reported digits. This is not a measurement: the real arm m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.controllers import practice_of
-from rigs.schema.robot import ControllerArm, JointAxis, LinkConstants, Pose, Robot
+from rigs.schema.robot import ConstantsSource, ControllerArm, JointAxis, LengthUnit, LinkConstants, Pose, Robot
 
 _RESIDUAL_MM = 0.02
 """Largest residual of a fit. Controllers report places to 0.01 mm or better and joints to 0.001° (10 µm at 0.6 m);
@@ -35,6 +36,10 @@ with it within the digits of a pendant.
 _SPARE = 10
 """Minimum number of redundant readings that confirm the constants."""
 _DIGITS = 7
+_SAME_MM = 1e-3
+"""Distance of the flange below which two sets of constants are equal: the digits of files and rig files differ."""
+_ENTERED_MM = 10.0
+"""Largest distance of the flange by pins entered since a diagnosis: `rig correct` refuses larger corrections."""
 _MOST_DECIMALS = 6
 
 
@@ -51,10 +56,27 @@ class ControllerConstants:
     moved_mm: float
     words: str
     notes: tuple[str, ...] = ()
+    source: ConstantsSource | None = None
+    """The file, for constants read from one."""
+    linear_units: LengthUnit | None = None
+    """Unit of the lengths in the controller, if the file states it."""
+
+
+def constants_in(robot: Robot) -> tuple[LinkConstants, ...]:
+    """Constants of the controller in a rig file; empty if it states none."""
+    axes = robot.controller_axes or robot.axes if robot.controller == "constants" else ()
+    return tuple(LinkConstants(**{key: getattr(axis, key) for key in LinkConstants.model_fields}) for axis in axes)
 
 
 def robot_with(rig: Rig, read: ControllerConstants) -> Robot:
-    robot = rig.robot.model_copy(update={"controller": read.arm, "controller_axes": ()})
+    """Robot of a rig with the constants of its controller. Equal constants change nothing."""
+    origin = {"controller_source": read.source, "linear_units": read.linear_units or rig.robot.linear_units}
+    held = constants_in(rig.robot)
+    if held and read.arm == "constants" and _apart_mm(rig.robot, held, read.axes) < _SAME_MM:
+        return rig.robot.model_copy(update=origin)
+    robot = rig.robot.model_copy(update={"controller": read.arm, "controller_axes": (), **origin})
+    if held and read.arm != "constants":
+        return robot.model_copy(update={"axes": read.axes})
     if read.arm == "constants" and (rig.effects or rig.calibration):
         own = tuple(
             LinkConstants(**{key: getattr(axis, key) for key in LinkConstants.model_fields}) for axis in read.axes
@@ -65,13 +87,47 @@ def robot_with(rig: Rig, read: ControllerConstants) -> Robot:
     return robot
 
 
+def _apart_mm(robot: Robot, held: Sequence[LinkConstants], axes: Sequence[JointAxis]) -> float:
+    """Largest distance of the flange between two sets of constants."""
+    own = tuple(axis.model_copy(update=dict(constants)) for axis, constants in zip(axes, held, strict=True))
+    q = random_postures(robot)
+    poses = (flange_poses(_bare(robot, each), q) for each in (own, tuple(axes)))
+    return largest_difference(*poses)[0]
+
+
+def _bare(robot: Robot, axes: tuple[JointAxis, ...]) -> Robot:
+    nothing = {"base": Pose(), "tool": Pose(), "controller": None, "controller_axes": ()}
+    return robot.model_copy(update={"axes": axes, **nothing})
+
+
+def refuse_other_constants(rig: Rig, read: ControllerConstants, where: str) -> None:
+    """Refuse constants other than those with which an arm was diagnosed. Raises FileError.
+
+    The effects of a rig file are relative to the constants of the diagnosis. Pins of LinuxCNC may have been entered
+    since, so small changes of them are corrected relative to the present ones.
+    """
+    held = constants_in(rig.robot)
+    if not held or not (rig.effects or rig.calibration):
+        return
+    known = rig.robot.controller_source
+    name = f" ({' '.join(filter(None, (known.file, known.serial)))})" if known else ""
+    remedy = "give the file of this robot, or diagnose again with this one"
+    if read.arm != "constants":
+        problem = f"contradicts the constants of the controller with which the arm was diagnosed{name}"
+        raise FileError(where, problem, remedy, code="controller.other_arm")
+    apart_mm = _apart_mm(rig.robot, held, read.axes)
+    if apart_mm > (_ENTERED_MM if read.linear_units else _SAME_MM):
+        problem = f"holds other constants than those of the diagnosis{name}: they move the flange by {apart_mm:.2f} mm"
+        raise FileError(where, problem, remedy, code="controller.other_arm")
+
+
 def data_sheet_of(robot: Robot) -> Robot:
     """Robot with the constants of the data sheet, without base and tool.
 
     If the axes are those of a controller, they are those of the arm that the robot names. Raises FileError if it names
     none.
     """
-    bare = robot.model_copy(update={"base": Pose(), "tool": Pose(), "controller": None, "controller_axes": ()})
+    bare = _bare(robot, robot.axes)
     if robot.controller != "constants" or robot.controller_axes:
         return bare
     if not robot.arm:

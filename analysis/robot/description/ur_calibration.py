@@ -98,6 +98,8 @@ class FactoryConstants:
     axes: tuple[JointAxis, ...]
     moved_mm: float
     notes: tuple[str, ...]
+    serial: str = ""
+    """Checksum in the YAML by which the driver recognises the robot."""
 
     @property
     def is_data_sheet(self) -> bool:
@@ -147,7 +149,9 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
             f"give the file of this {robot.name}, or the arm that the file is of",
             code="controller.other_arm",
         )
-    return FactoryConstants(section.robot.axes, moved_mm, (*notes, *turned))
+    hashed = re.search(r"^\s*hash\s*:\s*(\S{1,100})\s*$", read_text(path, _MOST_BYTES), re.MULTILINE)
+    serial = hashed[1] if hashed else ""
+    return FactoryConstants(section.robot.axes, moved_mm, (*notes, *turned), serial)
 
 
 def is_ur_calibration(text: str) -> bool:

@@ -3,12 +3,17 @@
 Source: LinuxCNC 2.9, G-code reference, O-codes and Switchable Kinematics. A target is a G0 or G1, or a G2 or G3 with R,
 with all of X Y Z A B C as numbers. A word that a line omits keeps its value: a target is not corrected if a later line
 takes words from it. A work offset adds to A, B and C, which is no rotation of a frame: only shifts are known frames.
+
+Poses and work offsets are in the unit of G20 or G21. Joint moves are in the unit of the machine, so they are joint
+angles only if the program has selected this unit.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -30,38 +35,46 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, brackets, number_at
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Form, NamedFrame, Notice, Number, Parsed, ProgramTexts, Target, Way
+from analysis.apps.makers.target import Form, NamedFrame, Number, Parsed, ProgramTexts, Target, Way
 from analysis.correction.reasons import Reason
+from rigs.schema.probe import MM_PER_UNIT
 
 _DECIMALS = Decimals(place=(4, 7), turn=(5, 9))
 _BLANK = re.compile(r";[^\n]*|\([^()\n]*\)|^[ \t]*%[^\n]*", re.MULTILINE)
 _FLOW = re.compile(r"[oO]\s*(?P<name>\d+|<[^>]*>|\[[^\n]*?\]|#\S+?)\s*(?P<word>[a-zA-Z]+)(?P<rest>.*)")
 _WORD = re.compile(rf"(?P<letter>[a-zA-Z])[ \t]*(?:(?P<number>{NUMBER})|(?P<computed>[-+]?(?:\[|#)))")
 _EXPRESSION = re.compile(r"[-+]?(?:(?P<parameter>#+(?:<[^>]*>|\d+))|#?(?=\[))")
-_ASSIGNED = re.compile(r"(?:#\s*(?:\d+|<[^>]*>)\s*=[^#=]*(?:#[^=]*)?)+")
-_SYSTEM = re.compile(r"#\s*(?:5[0-9]{3}|#|\[)[^=]*=")
+_VALUE = rf"[-+]?\s*(?:{NUMBER}|#+\s*(?:\d+|<[^>]*>))"
+_ASSIGNED = re.compile(rf"(?:#\s*(?:\d+|<[^>]*>)\s*=\s*{_VALUE}\s*)+")
+_BRACKETS = re.compile(r"(?:\b[a-zA-Z]{2,6}\s*)?\[[^\[\]]*\](?:\s*/\s*\[[^\[\]]*\])?")
+"""An expression without brackets inside, with its function."""
+_SYSTEM = re.compile(r"#\s*(?:0*5[0-9]{3}|#|\[)[^=]*=")
 """Assignment to a parameter of the interpreter (work offsets: 5221 to 5390), or to a computed one."""
 _TURNS = re.compile(r"([ABC])\[360 \* ROUND\[[^\n]*?\] / 360\]\]")
 """Whole turns as the offset of an angle, as `rig program` writes them."""
 _AXES, _OTHERS = "XYZABC", "UVW"
 _SYSTEMS = {54: 1, 55: 2, 56: 3, 57: 4, 58: 5, 59: 6, 59.1: 7, 59.2: 8, 59.3: 9}
 _SYSTEM_NAMES = tuple(f"G{code:g}" for code in _SYSTEMS)
-_NOTHING_G = {4, 17, 18, 19, 61, 61.1, 64, 80, 90.1, 91.1, 93, 94, 95, 96, 97, 98, 99, 28.1, 30.1, 8, 7}
-_NOTHING_M = {0, 1, 3, 4, 5, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, 62, 63, 64, 65, 66, 67, 70, 71, 73}
+_NOTHING_G = {4, 17, 18, 19, 61, 61.1, 64, 80, 90.1, 91.1, 93, 94, 95, 96, 97, 98, 99, 28.1, 30.1}
+_NOTHING_M = {0, 1, 3, 4, 5, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, 62, 63, 64, 65, 66, 70, 71}
 """Codes that change neither the position nor the meaning of numbers."""
 _SWITCHES: dict[float, tuple[str, Value]] = {
     20: ("switch units", "inch"), 21: ("switch units", OFF), 90: ("switch distance", OFF),
     91: ("switch distance", "relative"), 40: ("shift radius", OFF), 41: ("shift radius", "on"),
     41.1: ("shift radius", "on"), 42: ("shift radius", "on"), 42.1: ("shift radius", "on"), 43: ("shift tool", "on"),
     43.1: ("shift tool", "on"), 43.2: ("shift tool", "on"), 49: ("shift tool", OFF), 92: ("shift G92", "on"),
-    92.1: ("shift G92", OFF), 92.2: ("shift G92", OFF), 92.3: ("shift G92", "on"),
+    92.1: ("shift G92", OFF), 92.2: ("shift G92", OFF), 92.3: ("shift G92", "on"), 52: ("shift G92", "on"),
+    7: ("shift diameter", "on"), 8: ("shift diameter", OFF),
 }  # fmt: skip
 _LATER = {
-    "shift radius": r"G\s*4[12]", "shift tool": r"G\s*43", "shift G92": r"G\s*92(?!\.[12])",
-    "switch poses": r"E\s*3|M\s*(?:128|129|130|428|429|430)|G\s*1[23]\.1",
+    "shift radius": r"G\s*4[12]", "shift tool": r"G\s*43", "shift G92": r"G\s*(?:52|92(?!\.[12]))",
+    "shift diameter": r"G\s*0*7(?![\d.])",
+    "switch poses": r"E\s*\+?0*3(?!\d)|E\s*[-+]?[#\[]|M\s*(?:128|129|130|428|429|430)|G\s*1[23]\.1",
 }  # fmt: skip
 """Codes that make the initial value of a variable unknown: the controller keeps values between programs."""
 _POSES, _JOINTS = "switch poses", "switch joints"
+_LAST = {28, 30, 10, 52, 92, 92.1, 92.2, 92.3}
+"""Codes that LinuxCNC executes after the other G codes of a line, which select the unit."""
 _MOVES = {0, 1, 2, 3}
 _FLOW_WORDS = {
     "if": "if", "elseif": "case", "else": "else", "break": "break", "continue": "continue", "return": "return",
@@ -96,6 +109,9 @@ class _GCodeReader(ProgramParser):
         """Keys of moves that take words from the previous position."""
         self.centred: set[str] = set()
         """Keys of arcs with a centre, which is relative to the start."""
+        self.inches = False
+        """True if the last unit that a line selected is inch."""
+        self.machine_unit = program.machine_unit
         self.uncertain = {part for part, codes in _LATER.items() if re.search(codes, self.texts[0], re.IGNORECASE)}
 
     def read(self, line: str) -> None:
@@ -107,7 +123,7 @@ class _GCodeReader(ProgramParser):
             self.read(" " * (line.index("/") + 1) + text[1:])
             self.blocks.close()
         elif text.startswith("#"):
-            if _SYSTEM.search(text) or not _ASSIGNED.fullmatch(text):
+            if _SYSTEM.search(text) or not _ASSIGNED.fullmatch(_without_brackets(text)):
                 self.not_known(text)
         elif text:
             self._codes(line)
@@ -141,15 +157,17 @@ class _GCodeReader(ProgramParser):
         if words is None:
             self.not_known(line)
             return
-        for code in words.g:
-            self._g_code(code, words)
-        for code in words.m:
-            if code == 68:
-                self._analog_output(words)
+        for code in words.m:  # in the order in which LinuxCNC executes the codes of a line
+            if code in (67, 68):
+                self._analog_output(words, waits=code == 67)
+            elif code == 73:  # the end of the routine restores the codes
+                self.broken.append(Call("\0", self.why("M73 restores codes at the end of the routine")))
             elif code == 6:
                 self.add(Elsewhere())
             elif code not in _NOTHING_M | {2, 30}:
                 self.not_known(f"M{code:g}")
+        for code in sorted(words.g, key=_LAST.__contains__):
+            self._g_code(code, words)
         if moves := [code for code in words.g if code in _MOVES]:
             self.motion = moves[0]
         elif 80 in words.g:
@@ -163,6 +181,7 @@ class _GCodeReader(ProgramParser):
     def _g_code(self, code: float, words: _Words) -> None:
         if code in _SWITCHES:
             self.is_relative = code == 91 if code in (90, 91) else self.is_relative
+            self.inches = code == 20 if code in (20, 21) else self.inches
             self.set(*_SWITCHES[code])
         elif code in _SYSTEMS:
             self.set("system", f"G{code:g}")
@@ -173,31 +192,50 @@ class _GCodeReader(ProgramParser):
         elif code not in _NOTHING_G | _MOVES | {53}:
             self.not_known(f"G{code:g}")
 
-    def _analog_output(self, words: _Words) -> None:
+    def _analog_output(self, words: _Words, *, waits: bool) -> None:
+        """Parse an analog output, which may switch the kinematics. M67 waits for the next move, which the interpreter
+        has then already computed with the old kinematics."""
         output, value = words.values.get("E"), words.values.get("Q")
         if output and output.value != 3:
             return
-        if output is None or value is None or value.value not in (0, 1):
-            self.add(ForgetAll(self.why("the kinematics are computed, or of the user")))
+        if output is None or value is None or value.value not in (0, 1) or waits:
+            cause = (
+                "M67 switches the kinematics at the next move"
+                if waits
+                else "the kinematics are computed, or of the user"
+            )
+            self.add(ForgetAll(self.why(cause)))
             return
         self.joints = value.value == 1
         self.set(_POSES, "on" if self.joints else OFF)
         self.set(_JOINTS, OFF if self.joints else "on")
 
     def _offset(self, words: _Words) -> None:
-        """Parse the work offset set by G10 L2, known if all numbers are given and it only shifts."""
+        """Parse the work offset set by G10 L2, known if all numbers are given and it only shifts.
+
+        L1, L10 and L11 write the tool table, which the program uses only under G43.
+        """
         kind, system = words.values.get("L"), words.values.get("P")
-        if not kind or not system or kind.value != 2 or system.value not in _SYSTEMS.values():
+        if kind and kind.value in (1, 10, 11):
+            return
+        if not kind or kind.value not in (2, 20):
             self.add(ForgetAll(self.why("G10 sets offsets that rig does not follow")))
+            return
+        if not system or system.value not in _SYSTEMS.values():
+            self.forget("offset", self.why("G10 sets the offset of a system that the line does not name"))
             return
         name = next(f"G{code:g}" for code, number in _SYSTEMS.items() if number == system.value)
         given = [words.values.get(letter) for letter in (*_AXES, "R")]
         value: Value = self.why("G10 sets an offset that is computed or does not only shift")
-        if all(given) and not any(number.value for number in given[3:] if number):
-            T = np.eye(4)
-            T[:3, 3] = [number.value for number in given[:3] if number]
-            value = as_value(T)
-            self.points.sets.append(NamedFrame(name, "frame", 0, self.line(), value))
+        if kind.value == 20:
+            value = self.why("G10 L20 sets an offset by the position of the arm")
+        elif all(given) and not any(number.value for number in given[3:] if number):
+            shift = [number.value for number in given[:3] if number]
+            self.set(f"offset[{name}]", ComputedValue(("switch units",), partial(_shifted, shift)))
+            known = _shifted(shift, ("inch" if self.inches else OFF,))
+            assert isinstance(known, tuple)  # noqa: S101 - of a known unit
+            self.points.sets.append(NamedFrame(name, "frame", 0, self.line(), known))
+            return
         self.set(f"offset[{name}]", value)
 
     def _motion(self, words: _Words) -> None:
@@ -213,15 +251,17 @@ class _GCodeReader(ProgramParser):
         reason = next((reason for reason, applies in reasons.items() if applies), None)
         line, joints = self.line(), self.joints
         key, name = f"line {line}", "G?" if self.motion is None else f"G{self.motion:g}"
-        form: Form = "joints_deg" if joints else "roll_pitch_yaw"
+        pose: Form = "inch_roll_pitch_yaw" if self.inches else "roll_pitch_yaw"
+        form: Form = "joints_deg" if joints else pose
         self.points.declare(key, Target(name, 0, line, form, tuple(filter(None, numbers)), "flange", "G54"), reason)
         if reason in ("incomplete", "relative", "computed"):
             self.partial.add(key)
         elif reason == "arc_centre":
             self.centred.add(key)
-        # Joints are in the unit of the machine.
-        switches = ("switch distance", _JOINTS) if joints else ("switch units", "switch distance", _POSES)
+        inches = self.machine_unit == "inch" if joints else self.inches
+        switches = ("switch distance", _JOINTS if joints else _POSES)
         needs: Needs = tuple(("switched", Ref(variable)) for variable in switches)
+        needs += (("switched", ComputedValue(("switch units",), partial(_other_unit, "inch" if inches else OFF))),)
         needs += tuple(("displaced", Ref(variable)) for variable in _LATER if variable.startswith("shift"))
         way: Way = "joint" if joints else "line"
         frame = "G53" if 53 in words.g else _SYSTEM_FRAME
@@ -252,6 +292,29 @@ class _GCodeReader(ProgramParser):
         return number.rstrip("]") if family == "offset" else "on" if variable == _JOINTS else OFF
 
 
+def _without_brackets(text: str) -> str:
+    """An assignment with a number in place of each expression."""
+    while (flat := _BRACKETS.sub("0", text)) != text:
+        text = flat
+    return text
+
+
+def _shifted(shift: Sequence[float], selected: tuple[Value, ...]) -> Value:
+    """Frame in mm of a work offset in the selected unit, which is unknown with it. G91 does not concern it."""
+    (unit,) = selected
+    if isinstance(unit, Unknown):
+        return unit
+    T = np.eye(4)
+    T[:3, 3] = np.asarray(shift) * (MM_PER_UNIT["inch"] if unit == "inch" else 1.0)
+    return as_value(T)
+
+
+def _other_unit(wanted: str, selected: tuple[Value, ...]) -> Value:
+    """`off` if a unit is selected in which the numbers of a move are meant."""
+    (unit,) = selected
+    return unit if isinstance(unit, Unknown) else OFF if unit == wanted else "on"
+
+
 _KEPT = ("offset[",)
 
 
@@ -262,9 +325,6 @@ def parse(program: ProgramTexts) -> Parsed:
         reader.read(line)
     reader.end()
     reader.change_sources()
-    if offset := re.search(r"[gG]\s*5[4-9]", reader.texts[0]):
-        fact = "a work offset given by --frame must only shift: LinuxCNC adds A, B and C to the numbers of the pose"
-        reader.points.notices.append(Notice(0, reader.line(offset.start()), fact))
     return reader.points.parsed(reader.program(kept=_KEPT, starts=""))
 
 
@@ -295,4 +355,4 @@ def _words(line: str, begin: int) -> _Words | None:
     return _Words(tuple(codes["G"]), tuple(codes["M"]), values)
 
 
-READER = ProgramReader(parse, _DECIMALS, Remark("; "), null_tools=("flange",), null_frames=("G53",))
+READER = ProgramReader(parse, _DECIMALS, Remark("; "), null_tools=("flange",), null_frames=("G53",), shifts_only=True)

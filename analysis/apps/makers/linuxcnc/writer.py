@@ -77,7 +77,7 @@ class _Program:
 
     def joints(self, step: JointMove) -> None:
         joints = np.degrees(step.target.q)
-        inch = isinstance(self.plan.feedback, LinuxCNC) and self.plan.feedback.linear_units == "inch"
+        inch = self.plan.length_unit == "inch"
         degrees_min = 60 * np.degrees(step.speed_rad_s)
         if self.at is None:
             # The joints stand anywhere. The sum of their ways limits the fastest of them.

@@ -1,6 +1,10 @@
 import ast
 import re
 
+from pydantic import TypeAdapter
+
+from daq.discovery.attempts import RobotReport
+from rigs.schema.feedback import Feedback
 from tests.support.command_line import errors_of, ran
 
 
@@ -23,3 +27,16 @@ def test_files_that_exist_are_kept(tmp_path):
         (tmp_path / "linuxcnc" / name).write_text("edited")
     ran(f"init {tmp_path}/cell.yaml --robot linuxcnc://127.0.0.1:1 --arm ur10e")
     assert {(tmp_path / "linuxcnc" / name).read_text() for name in ("rig.hal", "rigfeed.py")} == {"edited"}
+
+
+FOUND = RobotReport(
+    "linuxcnc://127.0.0.1:1",
+    TypeAdapter(Feedback).validate_python({"interface": "linuxcnc", "port": "tcp://127.0.0.1:1"}),
+    (0.0,) * 6,
+)
+
+
+def test_sockets_are_offered_without_gauges(tmp_path, monkeypatch):
+    monkeypatch.setattr("analysis.apps.commission.questionnaire.robot_at", lambda *_: FOUND)
+    line = errors_of(f"init {tmp_path}/cell.yaml --robot linuxcnc://127.0.0.1:1 --arm ur10e", exit_code=2)
+    assert "--measured-by sockets" in line

@@ -12,12 +12,16 @@ from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
 from analysis.correction.support import supports
-from analysis.robot.description.linuxcnc_configuration import configured_robot
+from analysis.robot.description.linuxcnc_configuration import configured_robot, narrow_limits
 from analysis.robot.kinematics.arm import arm_of, forward, without_setup
 from rigs.effects import Effect, JointOffset, LinkGeometry
 from rigs.errors import FileError
+from rigs.load import parse
+from rigs.problems import RigFileError
 from rigs.rig import Rig
 from tests.support.changed_rigs import rig_with, with_robot
+from tests.support.command_line import succeeded
+from tests.support.refusals import refused
 from tests.worlds.arms.faulty_arm import found
 from tests.worlds.linuxcnc.arm import TOOL, TOOL_MM, tool_at
 from tests.worlds.linuxcnc.machine import write_configuration
@@ -31,11 +35,22 @@ CIRCLE = {
 }
 
 
+def configuration(tmp_path: Path, unit: str = "mm") -> Path:
+    """Write the configuration of the cell in a unit."""
+    ini = write_configuration(tmp_path)
+    if unit == "inch":
+        ini.write_text(ini.read_text().replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"))
+        hal = tmp_path / "arm.hal"
+        inches = re.sub(r"(\.[AD]-\d) (\S+)", lambda pin: f"{pin[1]} {float(pin[2]) / 25.4!r}", hal.read_text())
+        hal.write_text(inches)
+    return ini
+
+
 def rig_at(tmp_path: Path, unit: str = "mm", effects: tuple[Effect, ...] = ()) -> Rig:
     """Return a rig with the arm of the configuration of the cell, with a horizontal circle."""
-    robot = configured_robot(write_configuration(tmp_path)).model_dump(mode="json", exclude_defaults=True)
+    robot = configured_robot(configuration(tmp_path, unit)).model_dump(mode="json", exclude_defaults=True)
     tool = {"xyz_mm": TOOL_MM.tolist(), "rpy_deg": [0, 90, 0]}
-    feedback = {"interface": "linuxcnc", "port": "tcp://127.0.0.1:5480", "linear_units": unit}
+    feedback = {"interface": "linuxcnc", "port": "tcp://127.0.0.1:5480"}
     rig = rig_with(robot=robot | {"tool": tool}, feedback=feedback, tests={"circle": CIRCLE})
     return rig.model_copy(update={"effects": effects})
 
@@ -50,12 +65,70 @@ def test_configuration_gives_the_arm_with_its_limits(tmp_path):
 
 
 def test_configuration_in_inches_gives_millimetres(tmp_path):
-    ini = write_configuration(tmp_path)
-    ini.write_text(ini.read_text().replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"))
-    hal = tmp_path / "arm.hal"
-    hal.write_text(re.sub(r"(A-2|D-\d) (\S+)", lambda pin: f"{pin[1]} {float(pin[2]) / 25.4!r}", hal.read_text()))
-    robot = configured_robot(ini)
+    robot = configured_robot(configuration(tmp_path, "inch"))
     assert robot.axes[2].a_mm == pytest.approx(431.8) and robot.axes[0].d_mm == pytest.approx(671.8)
+    assert robot.linear_units == "inch" and robot.controller_source.pins.A[2] == pytest.approx(17.0)
+
+
+def init(tmp_path: Path, *options: object) -> Path:
+    words = ("init", tmp_path / "cell.yaml", "--measured-by", "sockets", "--robot", "none", "--tool", "0,0,50")
+    succeeded(*words, "--arm", tmp_path / "cell.ini", *options)
+    return tmp_path / "cell.yaml"
+
+
+def entered(text: str) -> dict[str, float]:
+    return {pin: float(value) for pin, value in re.findall(r"^setp genserkins\.(\S+) (\S+)", text, re.M)}
+
+
+@pytest.mark.parametrize("unit", ["mm", "inch"])
+def test_values_leave_in_the_unit_of_the_configuration_that_init_read(tmp_path, unit):
+    configuration(tmp_path, unit)
+    cell = init(tmp_path)
+    rig = parse(cell.read_text(), "cell")
+    assert rig.length_unit == unit
+    files = value_files(rig, {(3, "a_mm"): 0.5})
+    read, now = entered((tmp_path / "arm.hal").read_text()), entered(files["rig-arm.hal"])
+    assert now.pop("A-2") - read.pop("A-2") == pytest.approx(0.5 if unit == "mm" else 0.5 / 25.4, rel=1e-3)
+    assert now == pytest.approx(read, abs=1e-6)
+
+
+def test_calibration_with_the_same_configuration_changes_nothing(tmp_path):
+    configuration(tmp_path, "inch")
+    cell = init(tmp_path, "--calibration", tmp_path / "cell.ini")
+    once = cell.read_text()
+    cell.unlink()
+    assert init(tmp_path).read_text() == once
+
+
+def test_values_are_refused_without_a_stated_unit(tmp_path):
+    rig = with_robot(rig_at(tmp_path), linear_units=None)
+    with refused("linuxcnc.unit"):
+        value_files(rig, {})
+
+
+@pytest.mark.parametrize(("change", "value"), [("linear_units", "mm"), ("linear_units", "inch")])
+def test_values_far_from_the_pins_that_were_read_are_refused(tmp_path, change, value):
+    rig = rig_at(tmp_path, "mm" if value == "inch" else "inch")
+    with refused("linuxcnc.pin"):
+        value_files(with_robot(rig, **{change: value}), {})
+
+
+def test_two_units_in_a_rig_file_are_refused(tmp_path):
+    robot = configured_robot(configuration(tmp_path, "inch")).model_dump(mode="json", exclude_defaults=True)
+    feedback = {"interface": "linuxcnc", "port": "tcp://127.0.0.1:5480", "linear_units": "mm"}
+    with pytest.raises(RigFileError, match="linear_units"):
+        rig_with(robot=robot, feedback=feedback, tests={})
+
+
+def test_narrow_cartesian_limits_are_named(tmp_path):
+    ini = configuration(tmp_path)
+    assert narrow_limits(ini) == []
+    text = ini.read_text().replace(
+        "[AXIS_C]\nMAX_VELOCITY = 120\nMAX_ACCELERATION = 2000\nMIN_LIMIT = -3000", "[AXIS_C]\nMIN_LIMIT = -360"
+    )
+    ini.write_text(text)
+    (narrow,) = narrow_limits(ini)
+    assert narrow.startswith("[AXIS_C] -360 to 3000")
 
 
 @pytest.mark.parametrize(
