@@ -117,6 +117,8 @@ def _rig_lines(rig: Rig, tests: Sequence[str], unreachable: set[str]) -> Iterato
     robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
     yield f"{rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}"
     yield from filter(None, [controller_line(rig)])
+    if rig.controller_doubt:
+        yield f"doubt: {rig.controller_doubt}"
     if rig.effects:
         yield f"the model already contains {initial_effects(rig.effects)}"
     yield from calibration_lines(rig.calibrated) if rig.calibrated else ()

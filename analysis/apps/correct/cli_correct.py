@@ -132,6 +132,7 @@ def correct(
     from analysis.apps.correct.stated_frames import frames_of, start_of
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
+    from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
     from analysis.correction.support import require_usable_model
     from rigs.errors import UseError
     from rigs.load import load, named_by
@@ -141,6 +142,7 @@ def correct(
             raise UseError(option, "concerns programs only", "give --program as well", code="program.option")
     rig, _ = load(with_controller(rig_file, calibration))
     require_usable_model(rig, rig_file, anyway=anyway)
+    refuse_constants_after_diagnosis(rig, calibration or rig_file)
     controller = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())
@@ -154,7 +156,7 @@ def correct(
     else:
         say_answer(correction_report.answer_of(corrections))
     named = {name for program in corrections.programs for name in program.named} if corrections.programs else None
-    for doubt in stated.doubts(named):
+    for doubt in [*filter(None, [rig.controller_doubt]), *stated.doubts(named)]:
         say(f"doubt: {doubt}", err=True)
     say_written(written)
     why_not = correction_report.why_not(corrections)

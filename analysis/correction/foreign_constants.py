@@ -1,0 +1,122 @@
+"""Detection of controller constants that belong to another robot of the same type.
+
+The links of a robot do not change after the factory measured them, so they lie near the constants of its controller.
+The constants of another robot are as far from them as two robots of the type are from each other. Joint zeros can
+change, and base and tool are fitted, so they do not count.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty
+from analysis.correction.support import supports
+from analysis.correction.work import rms_um, spread_angles, tool_poses
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
+from analysis.robot.description.controller_constants import data_sheet_of
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, controller_arm, forward
+from analysis.robot.predict import model_of
+from rigs.effects.link_geometry import LinkGeometry
+from rigs.errors import FileError, RigPlace
+from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.judge.result import Diagnosis
+
+_DOUBTED_SHARE = 0.7
+"""Distance from the controller's constants, relative to that from the data sheet, above which they are doubted. The
+expected ratio is 0 for constants of this robot, and √2 for those of another one: 1.29 to 3.2 for eight UR arms."""
+_HEALTHY_UM = 3000.0
+"""Twice the largest distance of the links of nine delivered UR arms from the data sheet (1530 µm). If the links are
+farther away, a crash is likely."""
+_STEP_RAD = 1e-5
+
+
+@dataclass(frozen=True)
+class LinkDistances:
+    """Rms distances of the tool in µm that the links alone cause."""
+
+    controller_um: float
+    data_sheet_um: float
+    u_um: float
+
+    @property
+    def ratio(self) -> float:
+        """Distance from the controller relative to that from the data sheet; 0 if the uncertainty explains it."""
+        significant = self.controller_um > SURE_SIGMA * self.u_um
+        return self.controller_um / max(self.data_sheet_um, 1e-9) if significant else 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"its links differ from these constants by {self.controller_um:.0f} ± {self.u_um:.0f} µm rms at the tool, "
+            f"and from the data sheet by {self.data_sheet_um:.0f} µm"
+        )
+
+
+def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
+    """Refuse constants given after a diagnosis against the data sheet, if the calibrated links contradict them.
+
+    Raises FileError.
+    """
+    if not rig.robot.controller_axes or not rig.is_calibrated or rig.robot.linear_units:
+        return
+    uncertainty = pose_uncertainty(rig, supports(rig))
+    found = _distances(rig, controller_arm(rig.robot), arm_of(rig.robot), uncertainty)
+    if found.ratio > _DOUBTED_SHARE:
+        remedy = "give the file of this robot; if it is, diagnose again with --calibration FILE"
+        problem = f"the constants are probably those of another robot: {found}"
+        raise FileError(name, problem, remedy, code="controller.other_arm")
+
+
+def doubt_constants_of_diagnosis(diagnosis: Diagnosis) -> str:
+    """Doubt about constants with which an arm was diagnosed; empty if its links fit them.
+
+    Raises FileError if the links are farther from them than from the data sheet.
+    """
+    rig, calibrated = diagnosis.rig, diagnosis.calibrated
+    if calibrated is None or not rig.has_controller_constants or rig.robot.linear_units:
+        return ""
+    real = diagnosis.extended_rig.with_calibration(None, calibrated)
+    sheet = None
+    with suppress(FileError):
+        sheet = rig.robot.model_copy(update={"axes": data_sheet_of(rig.robot).axes})
+    if sheet is None:
+        return ""
+    found = _distances(real, arm_of(rig.robot), arm_of(sheet), PoseUncertainty(real, calibrated))
+    if found.ratio <= _DOUBTED_SHARE:
+        return ""
+    if found.ratio < 1 or found.data_sheet_um > _HEALTHY_UM:
+        return f"the constants of the controller may be those of another robot: {found}"
+    problem = f"the constants of the controller do not fit the readings: {found}"
+    remedy = "give the file of this robot, or diagnose without --calibration, against the data sheet"
+    raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="controller.other_arm")
+
+
+def _distances(rig: Rig, controller: Arm, sheet: Arm, uncertainty: PoseUncertainty) -> LinkDistances:
+    q = spread_angles(rig, uncertainty.joints_rad)
+    links = [effect for effect in model_of(rig).effects if isinstance(effect, LinkGeometry)]
+    places = tool_poses(model_of(rig, links), q)[:, :3, 3]
+    others = _placement_and_zeros(sheet, q)
+
+    def distance_um(arm: Arm) -> float:
+        moves = (places - forward(arm, q)[:, :3, 3]).ravel()
+        rest = moves - others @ np.linalg.lstsq(others, moves, rcond=None)[0]
+        return rms_um(np.linalg.norm(rest.reshape(-1, 3), axis=1))
+
+    u_um = rms_um(frame_u_mm(rig, uncertainty, q, q))
+    return LinkDistances(distance_um(controller), distance_um(sheet), u_um)
+
+
+def _placement_and_zeros(arm: Arm, q: Array) -> Array:
+    """Displacements (3n, 9 + axes) of the tool by base, tool and joint zeros."""
+    T = forward(arm, q)
+    places, turns = T[:, :3, 3], T[:, :3, :3]
+    zeros = [(forward(arm, q + _STEP_RAD * unit)[:, :3, 3] - places) / _STEP_RAD for unit in np.eye(q.shape[1])]
+    base = [np.broadcast_to(unit, places.shape) for unit in np.eye(3)]
+    rotations = [np.cross(unit, places) for unit in np.eye(3)]
+    tool = [turns[:, :, k] for k in range(3)]
+    return np.stack([*base, *rotations, *tool, *zeros], axis=-1).reshape(3 * len(q), -1)
