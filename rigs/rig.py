@@ -103,9 +103,7 @@ class Rig(Part):
     @property
     def length_unit(self) -> LengthUnit | None:
         """Unit of the lengths in the controller; None if the rig file does not state it."""
-        feedback = self.feedback
-        stated = isinstance(feedback, LinuxCNC) and "linear_units" in feedback.model_fields_set
-        return self.robot.linear_units or (feedback.linear_units if stated else None)
+        return self.robot.linear_units or _stated_unit(self.feedback)
 
     @property
     def is_calibrated(self) -> bool:
@@ -188,10 +186,9 @@ class Rig(Part):
 
     @model_validator(mode="after")
     def _of_one_unit(self) -> Rig:
-        feedback, unit = self.feedback, self.robot.linear_units
-        stated = isinstance(feedback, LinuxCNC) and "linear_units" in feedback.model_fields_set
-        if unit and stated and feedback.linear_units != unit:
-            problem = f"linear_units is {unit} in robot and {feedback.linear_units} in feedback"
+        unit, stated = self.robot.linear_units, _stated_unit(self.feedback)
+        if unit and stated and stated != unit:
+            problem = f"linear_units is {unit} in robot and {stated} in feedback"
             raise ValueError(f"{problem}; keep that of [TRAJ] in the INI file")
         return self
 
@@ -213,3 +210,10 @@ class Rig(Part):
         if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
             raise ValueError("; ".join(lacking))
         return automatic
+
+
+def _stated_unit(feedback: Feedback) -> LengthUnit | None:
+    """LINEAR_UNITS, if the feedback states it: the default is not a statement."""
+    if isinstance(feedback, LinuxCNC) and "linear_units" in feedback.model_fields_set:
+        return feedback.linear_units
+    return None

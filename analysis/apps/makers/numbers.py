@@ -37,10 +37,10 @@ def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
 def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
-    values = np.asarray(values, dtype=float)
     if form == "inch_roll_pitch_yaw":
-        values = values * _MM_OF_INCHES
-    if form in ("roll_pitch_yaw", "inch_roll_pitch_yaw"):
+        return frame_of("roll_pitch_yaw", np.asarray(values) * _MM_OF_INCHES)
+    values = np.asarray(values, dtype=float)
+    if form == "roll_pitch_yaw":
         return transform(Pose(xyz_mm=tuple(values[:3]), rpy_deg=tuple(values[3:])))
     if form == "yaw_pitch_roll":
         return transform(Pose(xyz_mm=tuple(values[:3]), rpy_deg=tuple(values[:2:-1])))
