@@ -17,6 +17,7 @@ from typer.main import get_command_name, get_group
 
 from analysis.cli.console import INTERRUPTED, say_interrupted
 from rigs.distribution import version
+from rigs.errors import UseError
 
 JOBS = {
     "Set up": {
@@ -68,7 +69,6 @@ JOBS = {
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only if the effects "
         "support it.",
         "pair": "Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.",
-        "postures": "Rank all postures that reach each target by their expected error, and choose the best sequence.",
         "certify": "Judge whether features of a program hold their tolerance: accept, reject or undecided at 5 % risk.",
         "versions": "List the calibrations of a robot, newest first, or restore an earlier one.",
     },
@@ -109,10 +109,7 @@ _APPS = {
     **dict.fromkeys(("circle", "doctor", "init", "moved"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history", "versions"), "plant"),
     **dict.fromkeys(("analyse", "diagnose", "report"), "report"),
-    **{
-        name: name
-        for name in ("certify", "correct", "emulate", "live", "pair", "paper", "parts", "postures", "session", "window")
-    },
+    **{name: name for name in ("certify", "correct", "emulate", "live", "pair", "paper", "parts", "session", "window")},
     "plan": "planning",
     "program": "programs",
 }
@@ -120,6 +117,14 @@ _APPS = {
 
 _ADDED = {"record": "analysis.apps.commission.cli_touch"}
 """Module of an app that adds a command to a group."""
+
+_REMOVED = {
+    "postures": (
+        "was removed, because rig does not plan paths",
+        "compare possible postures with rig certify, from a table of their joint angles (q1_deg …)",
+    ),
+}
+"""Problem and remedy for commands of the previous version. Each entry stays for one version."""
 
 _HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 """Names of the help option of every command."""
@@ -226,6 +231,8 @@ class _RigCommands(CommandGroup):
             raise typer.Exit(INTERRUPTED) from None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        if args and args[0] in _REMOVED:
+            raise UseError(f"rig {args[0]}", *_REMOVED[args[0]])
         name, listed, remaining = super().resolve_command(ctx, args)
         return name, listed and import_command(str(name)), remaining
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.apps.certify.features import Feature
-from analysis.apps.postures.target_errors import Work, causes_of
+from analysis.apps.certify.target_errors import Work, causes_of
 from analysis.correction.pose_uncertainty import covered, pose_uncertainty
 from analysis.correction.support import supports
 from analysis.correction.work import rest_moves_mm

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.apps.certify.target_errors import Work, causes_of
 from analysis.apps.planning.next_reading import CORRECT_MIN, MANY, PRICE, next_step
 from analysis.apps.planning.possible_readings import TOUCH_MIN, Reading, pool_of_readings, poses_at
-from analysis.apps.postures.target_errors import Work, causes_of
 from analysis.correction.pose_uncertainty import covered, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import rest_moves_mm

@@ -16,10 +16,9 @@ import numpy as np
 from analysis.apps.certify.drift import Drift, Until, until
 from analysis.apps.certify.features import Feature
 from analysis.apps.certify.program import Listed
+from analysis.apps.certify.target_errors import Cause, Work, causes_of, knowledge_of, taught_at
 from analysis.apps.planning.next_reading import NextReading, ProgramReadings
 from analysis.apps.planning.possible_readings import poses_at
-from analysis.apps.postures.expected_error import knowledge_of
-from analysis.apps.postures.target_errors import Cause, Work, causes_of, taught_at
 from analysis.correction.pose_uncertainty import covered, pose_uncertainty, why_unknown
 from analysis.correction.support import supports, why_nothing
 from analysis.robot.kinematics.arm import Array, Integers

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from analysis.apps.certify.target_errors import Work
 from analysis.apps.plant.history import History
-from analysis.apps.postures.target_errors import Work
 from analysis.robot.kinematics.arm import Array, arm_of, drive_angles, forward_and_jacobian
 from rigs.rig import Rig
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.certify.features import Feature
+from analysis.apps.certify.target_errors import Work
 from analysis.apps.correct.solved_program import solve_program
 from analysis.apps.correct.stated_frames import Frames
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.reading import is_marked
 from analysis.apps.makers.tool_paths import straight_path
-from analysis.apps.postures.target_errors import Work
 from analysis.apps.programs.target_path import read_targets
 from analysis.correction.corrected_targets import angles_for
 from analysis.correction.reasons import WHY

@@ -182,3 +182,7 @@ def test_ctrl_c_reports_written_files(tmp_path, monkeypatch):
     monkeypatch.setattr(rigs.load, "load", fail)
     done = ran("check ur10e")
     assert done.returncode == 130 and done.stderr.startswith("interrupted; nothing ")
+
+
+def test_removed_command_states_what_to_use_instead():
+    assert "rig certify" in errors_of("postures targets.csv --json", exit_code=2)

@@ -9,13 +9,14 @@ import pytest
 
 from analysis.apps.certify.drift import Drift, drifts_of, until
 from analysis.apps.certify.features import Feature, features_of
+from analysis.apps.certify.target_errors import Cause, Work, causes_of
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.records import RunRecord
-from analysis.apps.postures.target_errors import Cause, Work
 from analysis.procedures.shared.quantity import Quantity
+from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.calibration import packed_factor
-from rigs.effects import Effect, JointOffset, TransmissionError
+from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from rigs.load import load
 from rigs.schema.limits import Limits
 from tests.support.command_line import failure_of, ran
@@ -191,3 +192,18 @@ def test_growing_error_dates_the_end_of_the_tolerance():
     assert found.earliest < found.date < (found.latest or dt.date.max)
     steady = Drift("play_j1_deg", 0, 1e-9, 0.0, dt.date(2026, 1, 1))
     assert until(load("paper-fanuc")[0], steady, work, moved, lambda at: float(np.linalg.norm(at) < 0.2)) is None
+
+
+def test_backlash_moves_a_target_by_half_its_width_times_the_lever():
+    effect = Backlash(axis=1, width_deg=0.1)
+    rig = load("ur10")[0].model_copy(update={"effects": ()})
+    rig = rig.with_calibration(None, calibrated_model([(effect, 1.0)], factor=packed_factor(1e-3 * np.eye(2))))
+    q = np.radians([20.0, -70, 100, -60, -80, 30]) + np.radians(np.linspace(-30, 30, 5))[:, None] * np.ones(6)
+    poses = forward(arm_of(rig.robot), q)
+    x, y = poses[:, :2, 3].T
+    half = np.radians(0.05) * np.stack([-y, x, 0 * x], axis=1)
+    for came_from, mean, own in ((q - 0.1, -half, 0.0), (q + 0.1, half, 0.0), (np.full_like(q, np.nan), 0.0, half)):
+        work = Work(q, poses, came_from, np.full(5, np.nan))
+        (approach,) = (one for one in causes_of(rig, work, (q, poses), None) if one.nature == "approach")
+        assert approach.mean == pytest.approx(mean + 0 * half, abs=1e-4)
+        assert np.abs(approach.own[:, 0]) == pytest.approx(np.abs(own + 0 * half), abs=1e-4)

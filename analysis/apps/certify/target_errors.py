@@ -12,26 +12,50 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.postures.expected_error import knowledge_of, play_moves, time_variance, typical_displacements
+from analysis.apps.planning.pose_plan import pose_columns
 from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
-from analysis.correction.support import supports
+from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import (
     FEWEST_TAUGHT,
     TaughtFrame,
+    left_out_mm,
+    rest_effects,
     rest_moves_mm,
     spread_angles,
     tool_places,
     used_effects,
 )
-from analysis.robot.kinematics.arm import Array, Integers, controller_arm, forward
+from analysis.diagnosis.fit.candidates import Level
+from analysis.robot.kinematics.arm import (
+    Array,
+    Integers,
+    arm_of,
+    controller_arm,
+    drive_angles,
+    forward,
+    forward_and_jacobian,
+    reported_angles,
+)
+from analysis.robot.predict import driven, model_of, stops
+from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
-from rigs.schema.effect import label_of
+from rigs.schema.effect import healthy, label_of, scaled, size_fields
 from rigs.schema.limits import USUAL_RP_MM
+
+Knowledge = Literal["calibrated", "effects", "typical"]
+"""Origin of the errors: a calibrated model, only effects of the rig file, or the typical size of every effect."""
+Nature = Literal["correctable", "load", "approach", "model", "scatter"]
 
 _RP_SIGMAS = 3.616
 """Pose repeatability RP (ISO 9283: mean plus three standard deviations of the distance) over the standard deviation of
 a coordinate, of an equal normal scatter in three coordinates: 1.596 + 3 · 0.673."""
-Nature = Literal["correctable", "load", "approach", "model", "scatter"]
+_SWING_RAD = np.radians(5.0)
+"""Distance over which a joint approaches from the given side. Chosen: wider than the backlash of any arm."""
+_LEVEL = 1.0
+"""Size of typical errors relative to a healthy arm. For 1 the model of a UR10 has 1.0 mm rms over its work space;
+measured nominal errors of a UR10 are 0.8 to 1.1 mm (docs/trials.md)."""
+_SAMPLE = 40
+"""Number of postures at which time-dependent effects are evaluated; they hardly depend on the posture."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +99,14 @@ class Work:
     """Payload (n,), NaN for that of the rig file."""
 
 
+def knowledge_of(rig: Rig) -> Knowledge:
+    if why_nothing(rig):
+        return "typical"
+    if rig.calibrated is not None:
+        return "calibrated"
+    return "effects" if any(effect.found for effect in rig.effects) else "typical"
+
+
 def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
     """Postures and poses at which frame and tool are taught: the measured targets, or the measured region for few."""
     if inside.sum() >= FEWEST_TAUGHT:
@@ -111,7 +143,7 @@ def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | 
     few = few_taught(len(taught[0]))
     q, frame = np.concatenate([taught[0][few], work.q]), TaughtFrame(taught[1][few])
     moves = [] if knowledge == "typical" else [uncertainty.pose_displacements(q)[:, :, :3]]
-    moves += [] if knowledge == "calibrated" else [typical_displacements(rig, q)]
+    moves += [] if knowledge == "calibrated" else [_typical_displacements(rig, q)]
     moved = np.concatenate(moves)
     common = frame.remove_motions(moved[:, len(few) :], work.wanted, frame.motions(moved[:, : len(few)]))
     of_model = "unknown part of the arm" if knowledge == "typical" else "uncertainty of the calibration"
@@ -122,7 +154,7 @@ def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | 
     ]
     scatters = {
         "unexplained error": uncertainty.unexplained_mm / np.sqrt(3.0),
-        "effects of time": np.sqrt(time_variance(rig, work.q) / 3),
+        "effects of time": np.sqrt(_time_variance(rig, work.q) / 3),
         "repeatability": (rp_mm or rig.limits.data_sheet_rp_mm or USUAL_RP_MM) / _RP_SIGMAS,
     }
     return causes + [cause(name, "scatter", own=isotropic(sd)) for name, sd in scatters.items() if np.any(sd)]
@@ -156,7 +188,7 @@ def _by_load(rig: Rig, work: Work) -> Array:
 
 def _approaches(rig: Rig, work: Work, *, typical: bool) -> Sequence[tuple[str, Array, Array]]:
     """Mean (n, 3) and unknown part (n, 1, 3) mm of the error by the side from which each drive arrives, by drive."""
-    rising, falling = play_moves(rig, work.q, typical=typical)
+    rising, falling = _play_moves(rig, work.q, typical=typical)
     half, axes = (rising - falling) / 2, rising.shape[1]
     side = np.sign(np.nan_to_num(np.where(np.abs(away := (work.q - work.came_from)[:, :axes]) > 1e-9, away, 0.0)))
     mean = (rising + falling) / 2 + side[..., None] * half
@@ -166,3 +198,57 @@ def _approaches(rig: Rig, work: Work, *, typical: bool) -> Sequence[tuple[str, A
         for axis in range(axes)
         if half[:, axis].any() or mean[:, axis].any()
     ]
+
+
+def _typical_displacements(rig: Rig, q: Array) -> Array:
+    """Tool displacements (k, n, 3) mm by one standard deviation of each typical effect, except backlash."""
+    columns, sd_mm = pose_columns(rig.nominal, q)
+    variance = columns.variance(Level(_LEVEL))
+    variance[columns.fixed > 0] = 0.0  # set-ups and scatter
+    moves = columns.X * np.sqrt(variance) * sd_mm.reshape(-1, 1)
+    return np.ascontiguousarray(moves.reshape(len(q), 3, -1).transpose(2, 0, 1))
+
+
+def _play_moves(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
+    """Displacements (m, axes, 3) mm by the backlash of each drive approaching with a rising and a falling angle.
+
+    Includes other joint effects that targets cannot correct. typical: assume backlash of joints without a known one.
+    """
+    effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"]
+    arm = arm_of(rig.robot)
+    motions = forward_and_jacobian(arm.by_drives, drive_angles(arm, q))[1][:, :3].transpose(0, 2, 1)
+    rising, falling = (_lag_rad(rig, effects, q, side) for side in (-1.0, 1.0))
+    if typical:
+        kinds = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
+        plays = [
+            healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))
+            for cls in kinds
+            for axis in range(1, len(rig.robot.axes) + 1)
+        ]
+        plays = [scaled(play, play.usual_times(rig.reference)) for play in plays]
+        unknown = (rising == 0).all(axis=0) & (falling == 0).all(axis=0)
+        rising = np.where(unknown, _lag_rad(rig, plays, q, -1.0), rising)
+        falling = np.where(unknown, _lag_rad(rig, plays, q, 1.0), falling)
+    return rising[..., None] * motions, falling[..., None] * motions
+
+
+def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Array:
+    """Lag (m, axes) rad of the links after each drive arrived from a side, -1 below and 1 above."""
+    model = model_of(rig, effects)
+    axes = model.arm.axes
+    if not effects or not len(q):
+        return np.zeros((len(q), axes))
+    came_from = q.copy()
+    came_from[:, :axes] += reported_angles(model.arm, np.full(axes, side * _SWING_RAD))
+    path = stops(q, came_from=came_from)
+    scene = driven(model, path)
+    return np.asarray((scene.link_q - scene.q)[path.rows][:, :axes])
+
+
+def _time_variance(rig: Rig, q: Array) -> Array:
+    """Variance (m,) mm² by effects outside the joints that targets cannot correct, such as thermal growth."""
+    effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE != "joint"]
+    if not effects or not len(q):
+        return np.zeros(len(q))
+    left_out = left_out_mm(rig, effects, q[:: -(-len(q) // _SAMPLE)])
+    return np.full(len(q), float((left_out**2).sum(axis=1).mean()))
