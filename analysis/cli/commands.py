@@ -29,7 +29,6 @@ JOBS = {
         "questions.",
         "arms": "List the arm library, or show one arm as the robot section of a rig file.",
         "import-urdf": "Convert a URDF to the robot section of a rig file, accurate to 1e-9 mm and rad.",
-        "parts": "Write the parts of touches and of the link as STL, with a drawing and a list of what to buy.",
         "circle": "Fit the circle of a rig file to recorded robot motion.",
         "ball": "Fit the ball position of the hemisphere test to recorded robot poses.",
     },
@@ -109,7 +108,7 @@ _APPS = {
     **dict.fromkeys(("circle", "doctor", "init", "moved"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history", "versions"), "plant"),
     **dict.fromkeys(("analyse", "diagnose", "report"), "report"),
-    **{name: name for name in ("certify", "correct", "emulate", "live", "pair", "paper", "parts", "session", "window")},
+    **{name: name for name in ("certify", "correct", "emulate", "live", "pair", "paper", "session", "window")},
     "plan": "planning",
     "program": "programs",
 }
@@ -119,6 +118,10 @@ _ADDED = {"record": "analysis.apps.commission.cli_touch"}
 """Module of an app that adds a command to a group."""
 
 _REMOVED = {
+    "parts": (
+        "was removed, because the parts are files",
+        "print the files in docs/parts, with the sizes in docs/parts.md",
+    ),
     "postures": (
         "was removed, because rig does not plan paths",
         "compare possible postures with rig certify, from a table of their joint angles (q1_deg …)",
