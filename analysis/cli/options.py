@@ -14,9 +14,9 @@ from rigs.text import enumerated
 
 
 def location(text: str | Path) -> Path:
-    from analysis.runs import remote
+    from analysis.runs import copied_runs
 
-    return remote.location(str(text))
+    return copied_runs.location(str(text))
 
 
 def operator_or_user(operator: str) -> str:

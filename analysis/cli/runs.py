@@ -145,10 +145,10 @@ def verify(
 def verify_run(path: Path) -> VerificationResult:
     from dataclasses import replace
 
-    from analysis.runs.remote import fetched, restore_run_path
+    from analysis.runs.copied_runs import local_run, restore_run_path
     from daq.store import judge
 
-    with fetched(path) as directory:
+    with local_run(path) as directory:
         verdict = judge(directory)
     problems = tuple(restore_run_path(problem, directory, path) for problem in verdict.problems)
     return replace(verdict, path=path, problems=problems)

@@ -16,7 +16,7 @@ from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
-    from analysis.runs.remote import Item, Value
+    from analysis.runs.batch import Item, Value
     from rigs.rig import Rig
 
 _MOST_LISTED = 20
@@ -65,12 +65,10 @@ def over_runs(
 ) -> list[RigError]:
     """Do the work for each run, possibly elsewhere, and use the values in the order of the runs as soon as possible.
 
-    doing: description for the terminal. Errors are reported immediately and returned. Raises StoreLost if a store stops
-    responding, since all further runs would fail.
+    doing: description for the terminal. Errors are reported immediately and returned.
     """
     from analysis.cli.console import progress_of
     from analysis.runs.batch import FailedItem, each
-    from analysis.runs.remote import StoreLost
 
     errors: list[RigError] = []
     done = 0
@@ -80,8 +78,6 @@ def over_runs(
                 count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
                 with progress_of(f"{doing} {run}{count}", is_still=jobs != 1 or scheduler is not None):
                     outcome = next(outcomes)
-                if isinstance(outcome, FailedItem) and isinstance(outcome.error, StoreLost):
-                    raise outcome.error
                 if isinstance(outcome, FailedItem):
                     say_error(outcome.error)
                     errors.append(outcome.error)
@@ -201,7 +197,7 @@ def with_recorded_controller(rig: Rig, text: str, runs: Sequence[Measured]) -> t
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
     from analysis.api import read_table, save_run
-    from analysis.runs.remote import ImportedRun
+    from analysis.runs.copied_runs import CopiedRun
 
     if rig_file is None:
         problem = "is a table without an arm"
@@ -211,7 +207,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
     kind = f"a {measured.run.manifest.test} table of {Path(rig_file).name}"
     say(f"{table}: read as {kind}, according to the columns", err=True)
     _imported.append(TemporaryDirectory(prefix="rig-"))
-    return ImportedRun.of(table, save_run(measured, Path(_imported[-1].name) / table.stem))
+    return CopiedRun.of(str(table), save_run(measured, Path(_imported[-1].name) / table.stem))
 
 
 def load_runs(

@@ -20,19 +20,22 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import metadata
 from itertools import islice
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Generic
+from typing import Any, Generic, TypeVar
 
-from analysis.runs.remote import NO_RUNS, Item, RemotePath, RemoteRun, Value, fetching_into, listed, place_of_copies
+from analysis.runs.copied_runs import CopiedRun
 from daq.store.manifest import is_run as is_run_directory
 from rigs.distribution import NAME, to_install
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError, FileError, RigError, UseError
 
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+NO_RUNS = "lost+found"
+"""A directory at the top of a file system with access for root only."""
 _REMEDY = "check those in the rig file and in the readings"
 
 
@@ -235,26 +238,14 @@ def each(
     scheduler: address of a Dask scheduler to use instead. Exceptions other than a RigError or a numerical error are
     bugs and are raised here.
 
-    Remote runs are fetched by separate processes: store packages start threads, and a process waiting for a store can
-    be ended immediately.
-
     If a process is killed, for example by the out-of-memory killer, the item is repeated once and then fails. Closing
     the iteration, as after Ctrl-C, kills the processes.
     """
     if scheduler is not None:
         return on_cluster(work, items, scheduler)
-    if any(isinstance(item, RemotePath) for item in items):
-        return _fetched_by_processes(work, items, jobs)
     if jobs != 1 and len(items) > 1:
         return in_processes(work, items, min(jobs or cores(), len(items)))
     return (attempt(work, item) for item in items)
-
-
-def _fetched_by_processes(
-    work: Callable[[Item], Value], items: Sequence[Item], jobs: int
-) -> Generator[Outcome[Item, Value], None, None]:
-    with place_of_copies() as place:
-        yield from in_processes(partial(fetching_into, place, work), items, min(jobs or cores(), len(items)))
 
 
 _AHEAD = 1000
@@ -272,6 +263,7 @@ def on_cluster(
     Raises FileError if dask.distributed is not installed, and CellError for a cluster that does not respond, has no
     workers, or has different versions.
     """
+    require_shared(items, address)
     client = _connected(address)
     try:
         _require_same_versions(client, address)
@@ -287,6 +279,12 @@ def on_cluster(
             yield result
     finally:
         client.close()
+
+
+def require_shared(items: Iterable[object], scheduler: str | None) -> None:
+    if scheduler and (copied := next((item for item in items if isinstance(item, CopiedRun)), None)):
+        problem = "is copied to this computer, where the workers of a cluster cannot read it"
+        raise UseError(str(copied), problem, "copy the runs to a directory that all computers share")
 
 
 def _connected(address: str) -> Any:
@@ -357,30 +355,20 @@ def _result(future: Any, item: Item, address: str) -> Outcome[Item, Any]:
     return outcome
 
 
-def remote_runs(top: RemotePath) -> list[RemoteRun]:
-    """Runs below a URL, or the run at the URL, in order of names. Raises RigError."""
-    (outcome,) = in_processes(listed, [top], 1)
-    if isinstance(outcome, FailedItem):
-        raise outcome.error
-    return outcome.value
-
-
 def run_directories(paths: Iterable[Path]) -> list[Path]:
     """Runs at or below paths, without repetition, sorted by name within a directory.
 
-    A path without runs is returned unchanged, and reading it then reports the problem. Raises CellError if a store does
-    not respond.
+    A path without runs is returned unchanged, and reading it then reports the problem.
     """
     runs: dict[Path, Path] = {}
     for path in paths:
-        below: list[Path] = []
-        if isinstance(path, RemotePath):
-            with suppress(FileError):
-                below = [run.path for run in remote_runs(path)]
-        elif not _is_run(path):
-            below = list(_runs_below(path))
-        for run in below or [path]:
-            runs.setdefault(run.resolve(), run)
+        top = path.run if isinstance(path, CopiedRun) else path
+        below = [] if _is_run(top) else list(_runs_below(top))
+        for run in below:
+            named = CopiedRun.of(f"{path}/{run.relative_to(top)}", run) if isinstance(path, CopiedRun) else run
+            runs.setdefault(run.resolve(), named)
+        if not below:
+            runs.setdefault(top.resolve(), path)
     return list(runs.values())
 
 

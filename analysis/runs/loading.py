@@ -19,6 +19,7 @@ from analysis.runs.controller_poses import (
     controller_poses,
     rig_as_recorded,
 )
+from analysis.runs.copied_runs import local_run
 from analysis.runs.joint_turns import beyond_limits, without_whole_turns
 from analysis.runs.noise.certificate import (
     NO_CERTIFICATE,
@@ -29,7 +30,6 @@ from analysis.runs.noise.certificate import (
     systematic,
 )
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
-from analysis.runs.remote import fetched
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import average_standstills
 from analysis.runs.tables import RAIL, CircleTable, PoseTable, Table, columns_of, format_of, table_from, u_lag_s_of
@@ -103,8 +103,8 @@ class Measured(Tabular):
 
 
 def load_measured(path: Path) -> Measured:
-    """Load a recorded or imported run from a local or remote path. Raises FileError."""
-    with fetched(path) as directory:
+    """Load a recorded or imported run by its path, or the table or URL that it stands for. Raises FileError."""
+    with local_run(path) as directory:
         run = read_run(directory)
         return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 

@@ -19,8 +19,8 @@ from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, reco
 from analysis.apps.plant.store import FILE, read_records
 from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
 from analysis.procedures.shared.quantity import Quantity, student_factor
+from analysis.runs.copied_runs import local_run
 from analysis.runs.loading import refuse_copies
-from analysis.runs.remote import fetched
 from analysis.runs.tabular import for_json
 from daq.store import load_manifest
 from rigs.errors import FileError
@@ -128,7 +128,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
 def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord:
     """Record of a run, from an up-to-date history in the same directory if possible."""
     path = run.resolve()
-    with fetched(path) as directory:
+    with local_run(path) as directory:
         manifest = load_manifest(directory)
         try:
             fingerprint = fingerprint_of(directory)

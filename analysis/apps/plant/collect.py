@@ -1,6 +1,6 @@
 """Records of runs: new and changed runs are evaluated and stored, the others are read from the file of figures.
 
-Runs are compared by names, sizes and times of their files, in remote stores by state (ETag), without opening them.
+Runs are compared by names, sizes and times of their files, without opening them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from typing import TypeVar
 from analysis.apps.plant import store
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of, record_without_figures
 from analysis.apps.plant.store import Entry
-from analysis.runs.batch import FailedItem, Outcome, each, remote_runs, run_directories
-from analysis.runs.remote import RemotePath, StoreLost, fetched, has_figures, restore_run_path
+from analysis.runs.batch import FailedItem, Outcome, each, require_shared, run_directories
+from analysis.runs.copied_runs import local_run
 from daq.store import MovementCheck
-from daq.store.manifest import load_manifest
+from daq.store.ledger import LEDGER
+from daq.store.manifest import MANIFEST, load_manifest
 from daq.store.marks import load_marks
 from daq.store.retention import look
 from rigs.errors import FileError
@@ -33,6 +34,8 @@ from rigs.schema.limits import Limits
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
 """Task, finished number, and total."""
+_WITH_FIGURES = (MANIFEST, LEDGER, ".parquet", ".arrow")
+"""Ends of the names of files that figures depend on: marks of exports and protection do not affect them."""
 _FEW = 4
 """Evaluated in this process, unless jobs are given."""
 _SAVED_EVERY_S = 5.0
@@ -76,14 +79,17 @@ class Collected:
 
 def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
     """Runs of a robot, which is named as in the rig file or by its model."""
-    seen, in_cache = runs_below(directory), store.default_path(directory)
-    files = [in_cache] if isinstance(directory, RemotePath) else [directory / store.FILE, in_cache]
-    file, notes = store.prepare_first(files)
+    require_shared([directory], workers.scheduler)
+    with local_run(directory) as local:
+        return _collect(local, robot, workers, progress)
+
+
+def _collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
+    seen = runs_below(directory)
+    file, notes = store.prepare_first([directory / store.FILE, store.default_path(directory)])
     others: set[str] = set()
 
     def may_be_of_robot(path: Path) -> bool:
-        if isinstance(path, RemotePath):  # reading each manifest would cost a request
-            return True
         try:
             manifest = load_manifest(path)
         except (OSError, FileError):
@@ -111,8 +117,7 @@ def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -
         names = sorted(others | {name for _, name in keys if name})
         remedy = f"choose from {', '.join(names)}" if names else "give the directory with the runs: --runs DIR"
         raise FileError(str(directory), f"contains no run of a robot named {robot}", remedy, code="history.no_robot")
-    checks = () if isinstance(directory, RemotePath) else _checks_of(directory, records)
-    return replace(collected_of(robot, records, notes, rig_texts), checks=checks)
+    return replace(collected_of(robot, records, notes, rig_texts), checks=_checks_of(directory, records))
 
 
 def collected_of(
@@ -173,7 +178,7 @@ class RunOnDisk:
 
 def runs_below(directory: Path) -> list[RunOnDisk]:
     remedy = "give the directory with the plant's runs"
-    if not isinstance(directory, RemotePath) and not directory.is_dir():
+    if not directory.is_dir():
         raise FileError(str(directory), "no such directory", remedy, code="file.missing")
     if seen := list(_seen(directory)):
         return seen
@@ -181,18 +186,11 @@ def runs_below(directory: Path) -> list[RunOnDisk]:
 
 
 def _seen(directory: Path) -> Iterator[RunOnDisk]:
-    if isinstance(directory, RemotePath):
-        for run in remote_runs(directory):
-            if run.path != directory:
-                files = [(file.name, file.size, file.stamp) for file in run.files or () if has_figures(file.name)]
-                signature = _digest(files) if files and all(stamp for _, _, stamp in files) else ""
-                yield RunOnDisk(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
-        return
     for path in run_directories([directory]):
         if path != directory:  # It is returned itself if there are no runs.
             signature = ""
             with suppress(OSError), os.scandir(path) as entries:
-                stats = {entry.name: entry.stat() for entry in entries if has_figures(entry.name)}
+                stats = {entry.name: entry.stat() for entry in entries if entry.name.endswith(_WITH_FIGURES)}
                 signature = _digest([(name, stat.st_size, str(stat.st_mtime_ns)) for name, stat in stats.items()])
             yield RunOnDisk(path, os.path.relpath(path, directory), signature)
 
@@ -212,7 +210,7 @@ def update(
     """Examine and store new and changed runs, and forget deleted ones; the stored runs, and how many were examined and
     forgotten.
 
-    is_wanted: whether a new run is to be examined. If a remote store stops responding, previous results are saved.
+    is_wanted: whether a new run is to be examined.
     """
     known = store.entries(file)
     changed = [
@@ -238,8 +236,6 @@ def update(
     def examined_in(outcome: Outcome[Path, Examined | None]) -> Examined | None:
         if not isinstance(outcome, FailedItem):
             return outcome.value
-        if isinstance(outcome.error, StoreLost):
-            raise outcome.error
         # Repeat a run that killed a process or exhausted the memory.
         failed = record_without_figures(outcome.item.name, None, outcome.error.what)
         return Examined(failed, is_evaluated=False)
@@ -273,16 +269,7 @@ class Examined:
 
 
 def examine(path: Path) -> Examined | None:
-    """None if the run is gone. Raises only for a remote run that cannot be fetched."""
-    with fetched(path) as directory:
-        examined = _examine(directory)
-    if examined is None:
-        return None
-    problem = restore_run_path(examined.record.problem, directory, path)
-    return replace(examined, record=replace(examined.record, name=path.name, problem=problem))
-
-
-def _examine(path: Path) -> Examined | None:
+    """None if the run is gone."""
     try:
         run = look(path)
     except OSError as error:

@@ -27,7 +27,8 @@ from analysis.apps.plant.collect import (
 )
 from analysis.apps.plant.history import Series, against_limit, change_words, history_of, judge
 from analysis.apps.plant.store import Key
-from analysis.runs.batch import FailedItem, Outcome, each
+from analysis.runs.batch import FailedItem, Outcome, each, require_shared
+from analysis.runs.copied_runs import local_run
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
@@ -155,7 +156,9 @@ class Fleet:
 
 def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
     """file: the catalogue, which local processes need for the states of robots."""
-    seen, notes = runs_below(directory), store.prepare(file)
+    require_shared([directory], workers.scheduler)
+    with local_run(directory) as local:
+        seen, notes = runs_below(local), store.prepare(file)
     known, examined, gone = update(file, seen, workers, progress)
     hashes: dict[Key, hashlib._Hash] = {}
     for entry in known.values():

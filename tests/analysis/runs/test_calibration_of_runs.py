@@ -4,7 +4,6 @@ from pathlib import Path
 import pytest
 
 import analysis
-from analysis.runs.remote import is_read
 from daq.store import verify
 from rigs import load as reading
 from rigs.calibration import CALIBRATION
@@ -36,7 +35,6 @@ def test_a_saved_run_keeps_the_calibration_to_the_byte(tmp_path):
     run = simulated(tmp_path)
     assert (run / FILE).read_bytes() == content
     assert verify(run) == []
-    assert is_read(FILE)  # a run that lies elsewhere is fetched with it
     assert analysis.load_run(run).rig.calibrated == calibrated_model()
 
 
