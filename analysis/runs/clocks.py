@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.own_clock import FittedClock, is_stalled, through_clock, through_pace
-from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, repeats, through_cycle
+from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, repeats
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing
@@ -48,8 +48,6 @@ _STIRRED_NS = 2e6
 At least _STIRRED requests must start some time after the previous answer (`daq.protocol.polled` gives the reason).
 """
 
-_LONGER = 1.2
-"""Multiple of the stated cycle beyond which constant readings contradict the cycle."""
 _SPARSE_NS = 50e6
 """Interval of readings above which one gauge may show backlash long before the other.
 
@@ -60,17 +58,9 @@ _SPARSE = (
     "other, which may increase a band; drive the circle more slowly"
 )
 _NOT_ADVANCING = "the instrument clock does not advance and is not used; check the instrument"
-_FOUND = (
-    "the readings repeat with a separate cycle of {:.2f} ms; each gets the time of the tick; "
-    "state the cycle as timing.cycle_ms in the rig file"
-)
-_UNEVEN = (
-    "the readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each gets the time of the first copy, "
-    "which adds uncertainty; see timing in the rig file and the instrument's manual"
-)
-_NOT_SEEN = (
-    "the readings repeat while it moves, so they may be up to {:.0f} ms old, which is in u; state the cycle as "
-    "timing.cycle_ms in the rig file, or read the gauge more often"
+_REPEATED = (
+    "the readings repeat while it moves, in a cycle of some {:.0f} ms; each gets the time of the first copy, with "
+    "a wider u; see timing in the rig file and the instrument's manual"
 )
 
 Columns = Mapping[str, np.ndarray[Any, Any]]
@@ -146,17 +136,12 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
-    doubts: tuple[str, ...] = ()
-    if ticks := through_cycle(asked.ns, values, cycle_ns):
-        if cycle_ns is None or not ticks.steady:
-            doubts = ((_FOUND if ticks.steady else _UNEVEN).format(ticks.period_ns / 1e6),)
-        if ticks.period_ns > _SPARSE_NS:
-            doubts = (*doubts, _SPARSE.format(ticks.period_ns / 1e6))
-        u_s = math.hypot(asked.u_s, ticks.u_s)
-        return replace(asked, ns=ticks.ns, u_s=u_s, own_u_s=ticks.own_u_s, doubts=doubts)
-    seen = changes(asked.ns, values)
-    if seen.repeating and (cycle_ns is None or seen.usual_ns > _LONGER * cycle_ns):
-        cycle_ns, doubts = seen.usual_ns, (_NOT_SEEN.format(seen.usual_ns / 1e6),)
+    found = changes(asked.ns, values)
+    if found.repeating:
+        doubts = [] if cycle_ns else [_REPEATED.format(found.usual_ns / 1e6)]
+        doubts += [_SPARSE.format(found.usual_ns / 1e6)] if found.usual_ns > _SPARSE_NS else []
+        ns, own_u_s = found.of_first_copies(asked.ns)
+        return replace(asked, ns=ns, own_u_s=own_u_s, doubts=tuple(doubts))
     if cycle_ns is None:
         return asked
     own_u_s, shared_u_s = anywhere_in_a_cycle(asked.ns, cycle_ns)
@@ -165,7 +150,6 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
         ns=asked.ns - cycle_ns / 2,
         u_s=math.hypot(asked.u_s, shared_u_s),
         own_u_s=np.hypot(asked.own_u_s, own_u_s),
-        doubts=doubts,
     )
 
 

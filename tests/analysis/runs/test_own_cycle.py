@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, through_cycle
+from analysis.runs.own_cycle import anywhere_in_a_cycle, changes
 from rigs.schema.gauges import SylvacOptoRS
 from rigs.schema.probe import Timing
 
@@ -33,43 +33,33 @@ def grid(cycle_ms: float) -> Array:
     return (np.arange(-10, int(31_000 / cycle_ms) + 10) + 0.37) * cycle_ms * MS
 
 
-@pytest.mark.parametrize("stated", [100.0, None])
-def test_ticks_are_found_to_a_fraction_of_the_requests(stated):
+def test_repeated_answers_get_the_time_of_the_first_copy():
     asked = requests()
     ticks = latest(asked, grid(100.0))
-    found = through_cycle(asked, swing(ticks, noise_mm=1e-3)[:, None], stated and stated * MS)
-    assert found.steady and found.period_ns == pytest.approx(100 * MS, rel=1e-4)
+    found = changes(asked, swing(ticks, noise_mm=1e-3)[:, None])
+    assert found.repeating and found.usual_ns == pytest.approx(100 * MS, rel=0.02)
+    ns, own_u_s = found.of_first_copies(asked)
     inside = asked > asked[0] + 200 * MS
-    assert np.abs(found.ns - ticks)[inside].max() < 0.5 * MS
-
-
-def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain():
-    """Every 25 ms exactly: each change has the same bounds, and the truth may be anywhere in them."""
-    asked = requests(25.0, scatter=0.0)
-    for shift_ms in (1.0, 12.0, 24.0):
-        ticks = latest(asked, grid(100.0) + shift_ms * MS)
-        found = through_cycle(asked, swing(ticks)[:, None], 100 * MS)
-        assert found.u_s == pytest.approx(25e-3 / np.sqrt(12), rel=0.15)
-        assert np.mean(np.abs(found.ns - ticks) <= 2e9 * np.hypot(found.u_s, found.own_u_s)) > 0.9
+    assert np.abs(ns - ticks)[inside].max() < 8 * MS
+    assert np.mean((np.abs(ns - ticks) <= 2e9 * own_u_s)[inside]) > 0.9
 
 
 @pytest.mark.parametrize("resolution_mm", [1e-4, 1e-3, 0.01, 0.05])
-def test_a_gauge_that_latches_on_request_has_no_cycle_however_coarse(resolution_mm):
+def test_a_gauge_that_latches_on_request_does_not_repeat_however_coarse(resolution_mm):
     asked = requests()
-    assert through_cycle(asked, swing(asked, resolution_mm, noise_mm=5e-4)[:, None], None) is None
+    assert not changes(asked, swing(asked, resolution_mm, noise_mm=5e-4)[:, None]).repeating
 
 
-def test_a_gauge_that_stops_and_goes_has_no_cycle():
+def test_a_gauge_that_stops_and_goes_does_not_repeat():
     asked = requests()
     moved = np.cumsum(np.where(asked // 1e9 % 2, 0.02, 0.0))
-    values = np.round(moved[:, None] / 1e-3) * 1e-3
-    assert through_cycle(asked, values, None) is None and not changes(asked, values).repeating
+    assert not changes(asked, np.round(moved[:, None] / 1e-3) * 1e-3).repeating
 
 
-def test_readings_without_a_number_change_nothing():
+@pytest.mark.parametrize("value", [np.nan, 0.5])
+def test_constant_readings_do_not_repeat(value):
     asked = requests()
-    assert through_cycle(asked, np.full((len(asked), 2), np.nan), 100 * MS) is None
-    assert through_cycle(asked, np.full((len(asked), 1), 0.5), None) is None
+    assert not changes(asked, np.full((len(asked), 2), value)).repeating
 
 
 @pytest.mark.parametrize(("poll_ms", "shared"), [(20.0, True), (23.7, False)])
