@@ -30,10 +30,10 @@ from importlib.resources import files
 assert all((files(package) / "py.typed").is_file() for package in ("rigs", "daq", "analysis"))
 """
 PARTS = """
-import distributed, foxglove, s3fs, sshfs
+import distributed, s3fs, sshfs
 import analysis.apps.window.serve, daq.opc_ua.robotics
 """
-"""Program that uses the extras without a network: cluster, foxglove, remote, web, opcua."""
+"""Program that uses the extras without a network: cluster, remote, web, opcua."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def use_extras(environment: Environment) -> str:
     environment.run("rig", "export", run, "--to", "xlsx", "-o", "run.xlsx")
     environment.run("rig", "report", run, "--no-diagnosis", "-o", "report.pdf")
     environment.run("python", "-c", PARTS)
-    return "URDF, workbook and PDF written; the parts for cluster, Foxglove, remote runs, window and OPC UA are there"
+    return "URDF, workbook and PDF written; the parts for cluster, remote runs, window and OPC UA are there"
 
 
 def _pip(environment: Environment, *arguments: str) -> int:

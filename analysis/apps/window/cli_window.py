@@ -46,9 +46,7 @@ def window(
     ] = False,
     foxglove: Annotated[
         int | None,
-        typer.Option(
-            min=0, max=65535, metavar="PORT", help="Also serve gauges and joints to Foxglove on this port; default: no."
-        ),
+        typer.Option(hidden=True),
     ] = None,
     runs: Annotated[
         Path | None,
@@ -68,8 +66,10 @@ def window(
     given. It never commands the robot.
     """
     from rigs.distribution import to_install
-    from rigs.errors import CellError
+    from rigs.errors import CellError, UseError
 
+    if foxglove is not None:
+        raise UseError("--foxglove", "was removed", "open a run in Foxglove: rig export RUN --to mcap")
     try:
         from analysis.apps.window.serve import WindowOptions, run_window
     except ModuleNotFoundError as error:
@@ -79,5 +79,5 @@ def window(
         raise CellError(
             "rig window", problem, to_install("starlette", "uvicorn"), code="window.not_installed"
         ) from None
-    asked = WindowOptions(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
+    asked = WindowOptions(rig_file, port, listen, token, tuple(name or ()), control, runs, session)
     run_window(asked, say)

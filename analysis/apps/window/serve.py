@@ -19,7 +19,6 @@ from starlette.types import ASGIApp
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.app import Window, app_of
 from analysis.apps.window.control_posts import WindowControls
-from analysis.apps.window.foxglove import Foxglove
 from analysis.apps.window.guard import Gate, is_loopback, token_of
 from analysis.apps.window.made import OutputStore
 from analysis.apps.window.shelf import Shelf
@@ -60,7 +59,6 @@ class WindowOptions:
     token: Path | None
     names: tuple[str, ...]
     control: bool
-    foxglove: int | None
     runs: Path | None
     session: Path | None
 
@@ -86,14 +84,9 @@ def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as ends:
         made = OutputStore(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
-        stream = None
-        if asked.foxglove is not None:
-            stream = Foxglove(asked.foxglove, rig)
-            ends.callback(stream.close)
-            say(f"ws://127.0.0.1:{stream.port} for Foxglove; every program and page on this computer can read it")
         begin, file = (place.command(rig_file), str(find(rig_file).resolve())) if place and rig_file else ("", "")
         daemon = partial(find_socket, rig.name if rig else None)
-        watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)
+        watcher = Watcher(daemon, place, begin=begin)
         controls = WindowControls(watcher, place, file, shelf.directory) if asked.control else None
         if controls:
             ends.callback(controls.close)

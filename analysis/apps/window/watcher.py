@@ -72,16 +72,14 @@ class Watcher:
         self,
         find: Callable[[], Path],
         place: SessionDirectory | None,
-        shows: Callable[[LiveView], None] | None = None,
         source: UpdateSource | None = None,
         begin: str = "",
     ) -> None:
-        """find: socket of the daemon. place: directory of the session, which the command `begin` starts. shows: gets
-        each view."""
+        """find: socket of the daemon. place: directory of the session, which the command `begin` starts."""
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)
-        self._find, self._place, self._shows = find, place, shows
+        self._find, self._place = find, place
         self._begin = begin
         self._source: UpdateSource = source or DaemonSource(find)
         self._session_seen: object = ...
@@ -95,8 +93,6 @@ class Watcher:
                 for update in self._source.updates():
                     self.view = self.view.after(update)
                 board, view = self.board, self.view
-                if self._shows is not None:
-                    self._shows(view)
                 board.post("cell", frames.cell(view))
                 board.post("now", frames.now(view, self.zero_mm, tick))
                 if tick % _SLOW_TICKS == 0:

@@ -17,7 +17,7 @@ from tests.support.table_cases import RIG_FILE, csv_text, plain
 from tests.support.written_runs import import_table
 
 OF_THE_ARM = ("/joint_states", "/robot_description")
-"""Held against by an independent reader in tests/analysis/apps/window/test_foxglove.py."""
+"""Held against by an independent reader in test_mcap_arm.py."""
 Messages = dict[str, list[tuple[int, int, dict[str, object]]]]
 
 
