@@ -41,7 +41,7 @@ JOBS = {
         "record": "Start and stop a recording of the running daemon.",
         "automatic": "Print the section `automatic` of a rig file, which starts runs like these on a robot signal or "
         "motion.",
-        "live": "Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.",
+        "live": "Show gauges, angle, lap, joints, faults and recording until Ctrl-C.",
         "window": "Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.",
         "status": "Show the current readings and recording of the daemon.",
         "emulate": "Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.",

@@ -34,11 +34,11 @@ def live(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object each second.")] = False,
 ) -> None:
-    """Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.
+    """Show gauges, angle, lap, joints, faults and recording until Ctrl-C.
 
-    The screen fills the terminal and lists the keys. It reconnects when the
-    daemon restarts. Without a terminal, the state of the daemon is printed
-    once, unless --plain or --json is given.
+    The screen fills the terminal. It reconnects when the daemon restarts.
+    Without a terminal, the state of the daemon is printed once, unless --plain
+    or --json is given. rig window shows curves.
     """
     from analysis.apps.live.loop import is_terminal
     from rigs.errors import UseError

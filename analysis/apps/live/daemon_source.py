@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.live.controls import Action, StartRecording
 from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, LiveTrack, cell_of
 from analysis.apps.live.view import GaugeReading, Update
 from analysis.robot.kinematics.arm import Array
@@ -114,26 +113,6 @@ class DaemonSource:
         elif now_s - self._heard_s > 2.0:
             return [Update(lost=f"rigd has not answered for {now_s - self._heard_s:.0f} s")]
         return updates
-
-    def handle_action(self, action: Action) -> str:
-        if isinstance(action, StartRecording):
-            self._request("record_start", action.request(), "recording to {run}")
-            return f"starting {action.label}"
-        if action == "stop":
-            self._request("record_stop", {}, "ended: {run}")
-            return "ending the recording"
-        return "only played runs can be paused: rig live --run RUN"
-
-    def _request(self, command: str, fields: Mapping[str, Any], notice: str) -> None:
-        def ask() -> None:
-            try:
-                with Client(self._find()) as client:
-                    words = notice.format(run=client.ask(command, **fields)["run"])
-            except RigError as error:
-                words = str(error)
-            self._updates.put(Update(notice=words))
-
-        threading.Thread(target=ask, name=f"ask rigd to {command}", daemon=True).start()
 
     def _ask(self) -> None:
         rig_lines: list[str] | None = None

@@ -8,9 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.apps.live.controls import Units
-from analysis.apps.live.lap import ErrorCurve, motion_sense, speeds
-from analysis.apps.live.view import LiveView
+from analysis.apps.live.lap import ErrorCurve, LiveReversal, motion_sense, speeds
+from analysis.apps.live.view import LiveEvent, LiveView
 from analysis.robot.geometry.circle import link_angle
 from rigs.schema.vocabulary import CIRCLES
 
@@ -115,7 +114,7 @@ def figures(view: LiveView) -> dict[str, Any]:
     }
 
 
-def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
+def plain_line(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
     """Current figures for a screen reader or log, relative to the zeros of both gauges in mm."""
     if view.lost:
         return view.lost
@@ -124,8 +123,8 @@ def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0
     for name, reading in view.readings.items():
         old = f" ({reading.age_s:.0f} s old)" if reading.age_s > OLD_S else ""
         zero = zeros.get(name, 0.0)
-        less = f" less {zero * units.per_mm:.{units.decimals}f}" if zero else ""
-        parts.append(f"{name} {(reading.mm - zero) * units.per_mm:.{units.decimals}f} {units.name}{less}{old}")
+        less = f" less {zero:.4f}" if zero else ""
+        parts.append(f"{name} {reading.mm - zero:.4f} mm{less}{old}")
     if (degrees := angle_deg(view, zero_mm)) is not None:
         parts.append(f"{angle_name(view)} {degrees:z.4f}°")
     if (phi := phi_deg(view)) is not None:
@@ -142,6 +141,19 @@ def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0
     if view.cut:
         parts.append(view.cut)
     return "; ".join(parts)
+
+
+def event_words(event: LiveEvent, view: LiveView) -> str:
+    if event.reversal is None:
+        return event.words
+    reversal = event.reversal
+    name = f" ({view.cell.axes[reversal.axis - 1]})" if view.cell else ""
+    return f"axis {reversal.axis}{name} turned back at {_place(reversal)}"
+
+
+def _place(reversal: LiveReversal) -> str:
+    phi = f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else ""
+    return f"{phi}{'▲▼' if reversal.upper else '▼▲'}"
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.live.controls import Action
 from analysis.apps.live.live_rows import LiveCell, LiveRows, cell_of
 from analysis.apps.live.view import GaugeReading, LiveView, Played, Update
 from analysis.runs.align import align
@@ -23,8 +22,6 @@ _MOST_HZ = 100.0
 """Rows shown per second. A screen shows ten."""
 _BETWEEN_S = 1.0
 """Pause between two runs in the view."""
-SPEEDS = (0.125, 64.0)
-"""Slowest and fastest playback."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,6 @@ class PlayedRun:
     begins_s: float = 0.0
     at_s: float = 0.0
     shown: int = 0
-    paused: bool = False
 
     @property
     def ended(self) -> bool:
@@ -50,19 +46,19 @@ class PlayedRun:
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
         cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
         begun = Update(cell=cell, label=(following.name, following.test, following.direction))
-        return replace(following, begins_s=begins_s, speed=self.speed, paused=self.paused), begun
+        return replace(following, begins_s=begins_s, speed=self.speed), begun
 
     def begun(self) -> LiveView:
         return LiveView(self.cell).labelled(self.name, self.test, self.direction)
 
     def after(self, seconds: float) -> tuple[PlayedRun, Update]:
-        at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
+        at_s = self.at_s if self.ended else self.at_s + self.speed * seconds
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))
         new = self.rows.select_rows(slice(self.shown, until))
         new = replace(new, t_s=new.t_s + self.begins_s)
         run = replace(self, at_s=at_s, shown=max(until, self.shown))
-        played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, self.paused, run.ended)
+        played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, run.ended)
         last = self.rows.g_mm[run.shown - 1] if run.shown else ()
         readings = {f"g{k}": GaugeReading(float(mm), 0.0) for k, mm in enumerate(last, start=1) if np.isfinite(mm)}
         return run, Update(rows=new, readings=readings, played=played)
@@ -112,14 +108,3 @@ class RunPlayer:
         self._run, update = self._run.after(now_s - self._at_s)
         self._at_s = now_s
         return [*begun, update]
-
-    def handle_action(self, action: Action) -> str:
-        match action:
-            case "pause":
-                self._run = replace(self._run, paused=not self._run.paused)
-            case "faster" | "slower":
-                speed = self._run.speed * (2.0 if action == "faster" else 0.5)
-                self._run = replace(self._run, speed=min(max(speed, SPEEDS[0]), SPEEDS[1]))
-            case _:
-                return "a played run cannot be recorded"
-        return ""

@@ -34,7 +34,6 @@ class Played:
     at_s: float
     of_s: float
     speed: float
-    paused: bool = False
     ended: bool = False
 
 
@@ -103,6 +102,8 @@ class LiveView:
             view = replace(view, state=state, cut=cut)._with_words(words)
             is_recording = state["recording"] is not None
             view = view.labelled(*(state[key] if is_recording else None for key in ("recording", "test", "direction")))
+        if update.notice:
+            view = view._with_words([update.notice])
         if update.readings is not None:
             view = replace(view, readings=update.readings)
         return view._with_rows(update.rows) if len(update.rows) else view

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.commission.guided_touches import CellReference, GuidedCheck, references_of
-from analysis.apps.live.controls import RecordingLabel, StartRecording, zeros_at
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
+from analysis.apps.window.recording_form import RecordingLabel, StartRecording, zeros_at
 from analysis.apps.window.watcher import Watcher
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import load_measured

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.live.canvas import scale_of
-from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
+from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, event_words, figures, lap_state, shown_curves
 from analysis.apps.live.lap import ErrorCurve, pieces
-from analysis.apps.live.screen import event_words
 from analysis.apps.live.view import LiveView
 from analysis.apps.report.page.accuracy import now_sentence
 from analysis.apps.report.texts import texts_of
@@ -28,6 +26,9 @@ _EVENTS = 12
 _REVERSALS = 24
 """Joint reversals marked on the circle, from about two laps."""
 _ONE_PLACE_DEG = 5.0
+_SCALES = (1.0, 2.0, 5.0)
+_SMALLEST = 1e-4
+"""Smallest scale, in degrees or mm: the resolution of a gauge."""
 _PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
 
 
@@ -93,7 +94,14 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
         )
         if not is_marked:
             turned.append([reversal.axis, phi_deg, reversal.sense])
-    return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": scale_of(both), "turned": turned}}
+    return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": _scale_of(both), "turned": turned}}
+
+
+def _scale_of(curves: tuple[ErrorCurve, ErrorCurve]) -> float:
+    """Error at full scale: 1, 2 or 5 times a power of ten, above the largest error."""
+    largest = max((float(np.abs(curve.error).max()) for curve in curves if len(curve.error)), default=0.0)
+    power = 10.0 ** math.floor(math.log10(max(largest, _SMALLEST)))
+    return next(scale * power for scale in (*_SCALES, 10.0) if scale * power >= largest)
 
 
 def trace(view: LiveView) -> dict[str, Any]:

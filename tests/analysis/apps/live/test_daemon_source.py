@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.apps.live.controls import UNITS, RecordingLabel, StartRecording
 from analysis.apps.live.daemon_source import DaemonSource, tracks_of
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.view import LiveView
@@ -124,7 +123,7 @@ def test_a_further_gauge_is_shown_and_no_row_waits_for_it(watched):
     view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and "g3" in view.readings)
     assert view.readings["g3"].mm == 0.25 and 10 <= view.readings["g3"].age_s < 20 and "g4" not in view.readings
     assert figures(view)["gauges"]["g3"]["mm"] == 0.25
-    assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
+    assert "g3 0.2500 mm" in plain_line(view)
 
 
 def test_lost_daemon_is_awaited_and_its_values_stay(watched, path):
@@ -163,22 +162,6 @@ def test_a_rig_file_that_cannot_be_read_leaves_the_readings(path):
 def test_without_a_daemon_it_does_not_begin(path):
     with pytest.raises(CellError), DaemonSource(path):
         pass
-
-
-def test_a_refused_recording_is_a_notice(watched):
-    refusal = {"ok": False, "where": "g1", "what": "no reading", "remedy": "fix it", "exit_code": 4}
-    daemon, source = watched
-    daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
-    assert source.handle_action("pause")
-    assert source.handle_action(StartRecording(RecordingLabel("lap", "radial", None)))
-    assert source.handle_action("stop")
-    notices = []
-
-    def told(view: LiveView) -> bool:
-        notices.extend(update.notice for update in source.updates() if update.notice)
-        return notices.count("g1: no reading; fix it") == 2
-
-    watched_until(source, LiveView(), told)
 
 
 def test_values_that_are_not_there_are_left_out():

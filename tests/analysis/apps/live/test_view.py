@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from analysis import evaluate, load_run
-from analysis.apps.live.controls import UNITS, LiveControls
 from analysis.apps.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
 from analysis.apps.live.live_rows import LiveRows, cell_of
 from analysis.apps.live.played_run import played_run
@@ -115,7 +114,7 @@ def words_after(*updates: Update) -> list[str]:
 def test_a_recording_that_was_cut_is_an_event():
     begun = Update(state=recording("lap", "runs/1_lap"), readings={})
     lost, back = Update(lost="waiting"), Update(readings={})
-    words = words_after(begun, lost, lost, Update(notice="refused"), lost, back, Update(state=state(), readings={}))
+    words = words_after(begun, lost, lost, lost, back, Update(state=state(), readings={}))
     begin, lost, again, cut = words
     assert "lap" in begin and begin.endswith("runs/1_lap") and "lap" in lost
     assert "answers again" in again and "interrupted" in cut
@@ -125,8 +124,8 @@ def test_interrupted_recording_is_shown_until_the_next():
     begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
     view = LiveView().after(begun).after(Update(lost="waiting")).after(ended).after(ended)
     assert "interrupted" in figures(view)["cut"]
-    assert "interrupted" in plain_line(view, UNITS[0])
-    assert "interrupted" in lines_of(LiveScreen(view, LiveControls()), 80, 24)[0]
+    assert "interrupted" in plain_line(view)
+    assert "interrupted" in lines_of(LiveScreen(view), 80, 24)[0]
     assert figures(view.after(begun))["cut"] is None
 
 
@@ -140,9 +139,9 @@ def test_a_recording_that_ended_is_no_cut():
     assert one.endswith("lap ended") and other.endswith("lap began: runs/2_lap")
 
 
-def test_a_refused_request_does_not_end_a_loss():
-    view = LiveView(lost="waiting").after(Update(notice="no daemon"))
-    assert view.lost and not view.after(Update(readings={})).lost
+def test_a_notice_is_an_event_and_does_not_end_a_loss():
+    view = LiveView(lost="waiting").after(Update(notice="no circle"))
+    assert view.lost and view.events[-1].words == "no circle" and not view.after(Update(readings={})).lost
 
 
 def test_reversals_are_counted_beyond_the_events_that_are_kept():
@@ -155,7 +154,7 @@ def test_reversals_are_counted_beyond_the_events_that_are_kept():
     assert noisy.reversal_counts == (0, 0, 1199, 0, 0, 0) and noisy.last_reversals[3].t_s == 1199.0
     found = json.loads(json.dumps(figures(noisy)))
     assert found["reversals"] == 1199 and found["joints_reversals"] == [0, 0, 1199, 0, 0, 0]
-    assert "1199 reversals" in plain_line(noisy, UNITS[0])
+    assert "1199 reversals" in plain_line(noisy)
     fresh = noisy.restarted()
     assert fresh.reversal_counts == (0,) * 6 and not fresh.last_reversals
 
@@ -171,13 +170,11 @@ def test_figures_are_plain_types_with_missing_ones_marked(whole):
     assert len(found["joints_deg"]) == 6
     nothing = figures(LiveView())
     assert nothing["angle_deg"] is None and nothing["phi_deg"] is None and nothing["gauges"] == {}
-    assert plain_line(LiveView(lost="gone"), UNITS[0]) == "gone"
-    assert "0.1000 mm" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}), UNITS[0])
-    zeroed = plain_line(
-        LiveView(readings={"g1": GaugeReading(0.1, 0.0), "g2": GaugeReading(0.3, 0.0)}), UNITS[0], (0.02, 0.0)
-    )
+    assert plain_line(LiveView(lost="gone")) == "gone"
+    assert "0.1000 mm" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}))
+    zeroed = plain_line(LiveView(readings={"g1": GaugeReading(0.1, 0.0), "g2": GaugeReading(0.3, 0.0)}), (0.02, 0.0))
     assert "g1 0.0800 mm less 0.0200; g2 0.3000 mm;" in zeroed
-    assert "5 s old" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 5.0)}), UNITS[0])
+    assert "5 s old" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 5.0)}))
 
 
 def test_the_angle_follows_the_zero_of_the_view(whole):
