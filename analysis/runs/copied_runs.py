@@ -20,7 +20,7 @@ from rigs.calibration import CALIBRATION
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
 
-_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://.")
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.:-]*://.")
 _SECRET = re.compile(r"//[^/@]*:(?!\d+/)[^@]*@|^https?://[^?]*\?", re.DOTALL)
 """A password, which may contain slashes unlike the port of a host, or the query of a signed link."""
 _READ = (MANIFEST, LEDGER, MARKS, TEMPORARY, CALIBRATION, ".parquet", ".arrow")

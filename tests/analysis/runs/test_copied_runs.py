@@ -94,6 +94,7 @@ def test_error_of_a_store_hides_secrets(monkeypatch):
 def test_host_keys_are_checked_for_sftp(monkeypatch):
     conf: dict[str, object] = {}
     monkeypatch.setattr(fsspec.config, "conf", conf)
+    monkeypatch.setattr(fsspec.core, "url_to_fs", lambda url: 1 / 0)
     monkeypatch.setitem(sys.modules, "sshfs", sys)
     with refused("store.unreadable"):
         location("sftp://127.0.0.1:1/x")
