@@ -20,7 +20,6 @@ from analysis.inference.linear_model import (
     Indices,
     LinearModel,
     Posterior,
-    PosteriorByCoefficients,
     Prior,
     condition,
 )
@@ -111,7 +110,7 @@ def fit_levels(model: LinearModel, prior: Prior, group: Indices, of_levels: Leve
     return Levels(logs, at_levels(model, prior, group, logs))
 
 
-def noise_of_residual(posterior: PosteriorByCoefficients, least_freedom: float = 0.25) -> ByBand:
+def noise_of_residual(posterior: Posterior, least_freedom: float = 0.25) -> ByBand:
     """Noise variances that the residual shows: energy over degrees of freedom, a fixed point of the evidence (MacKay
     1992), because the coefficients take some of the degrees of freedom.
 
@@ -122,6 +121,6 @@ def noise_of_residual(posterior: PosteriorByCoefficients, least_freedom: float =
     >>> noise_of_residual(condition(model, Prior(np.zeros(1), np.full(1, 1e9)))).round(6)
     array([1.])
     """
-    hidden = np.tensordot(posterior.products.gram, posterior.covariance(), axes=2)
-    freedom = np.maximum(posterior.model.count - hidden / posterior.noise, least_freedom * posterior.model.count)
-    return np.asarray(posterior.products.residual_energy(posterior.mean) / freedom)
+    freedom = np.maximum(posterior.freedom(), least_freedom * posterior.model.count)
+    energy = np.bincount(posterior.model.band, posterior.residual() ** 2, len(posterior.noise))
+    return np.asarray(energy / freedom)

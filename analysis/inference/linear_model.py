@@ -14,7 +14,8 @@ r = y − X m, every result follows from Ω:
     errors of left-out readings g = (Ω_gg)⁻¹ (Ωr)_g         the same, equations 5.10 to 5.12
     cavity of coefficients f: Λ = (A_ff)⁻¹ − (V_f)⁻¹        Opper and Winther (2000)
 
-`condition` factors the smaller of two matrices: I + √V X'N⁻¹X √V (p, p), from the products of each band, or C (n, n).
+`condition` factors one of two matrices, mostly the smaller: I + √V X'N⁻¹X √V (p, p), from the products of each band, or
+C (n, n).
 
     C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning (2006)
     D. J. C. MacKay, Bayesian Interpolation, Neural Computation 4 (1992)
@@ -84,17 +85,24 @@ class LinearModel:
     count: ByBand
     """Number of readings of each band."""
     products: BandProducts | None
-    """None if there are more coefficients than readings."""
+    """None if a posterior factors C."""
 
 
-def linear_model(X: Design, y: Readings, band: Indices | None = None) -> LinearModel:
+def linear_model(
+    X: Design, y: Readings, band: Indices | None = None, *, by_readings: bool | None = None
+) -> LinearModel:
     """Model of the readings; all of them have the same noise if no bands are given.
+
+    by_readings: factor C instead of I + √V X'N⁻¹X √V; by default if there are fewer readings than coefficients. C loses
+    digits if a prior is much wider than the noise, such as that of a free constant: of sixteen digits it loses those of
+    the ratio of their variances in the readings.
 
     >>> linear_model(np.ones((3, 1)), np.zeros(3)).count
     array([3.])
     """
     band = np.zeros(len(y), dtype=np.int64) if band is None else band
-    products = band_products(X, y, band) if X.shape[1] <= len(y) else None
+    by_readings = len(y) < X.shape[1] if by_readings is None else by_readings
+    products = None if by_readings else band_products(X, y, band)
     return LinearModel(X, y, band, np.bincount(band).astype(np.float64), products)
 
 
@@ -157,6 +165,14 @@ class Posterior(ABC):
         """Block (g, g) of Ω."""
 
     @abstractmethod
+    def freedom(self) -> ByBand:
+        """Degrees of freedom of each band that the coefficients leave to the noise: Σ noise Ω_ii.
+
+        >>> condition(linear_model(np.ones((3, 1)), np.zeros(3)), zero_mean(np.array([1e9]))).freedom().round(6)
+        array([2.])
+        """
+
+    @abstractmethod
     def gradient(self) -> Gradient:
         """Slope of the log evidence.
 
@@ -200,7 +216,7 @@ def condition(model: LinearModel, prior: Prior, noise: ByBand | None = None) -> 
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Fewer coefficients than readings: with M = I + √V X'N⁻¹X √V, the covariance is A = √V M⁻¹ √V, and
+# By coefficients: with M = I + √V X'N⁻¹X √V, the covariance is A = √V M⁻¹ √V, and
 # a'Ωb = a'N⁻¹b − (√V X'N⁻¹a)' M⁻¹ (√V X'N⁻¹b) (Woodbury; Rasmussen and Williams, A.9 and A.10).
 
 
@@ -239,17 +255,19 @@ class PosteriorByCoefficients(Posterior):
         absorbed = _solve_lower(self.factor, of_rows)
         return np.asarray(np.diag(weight) - absorbed.T @ absorbed)
 
-    def gradient(self) -> Gradient:
-        return self.gradient_from(self.covariance())
+    def freedom(self) -> ByBand:
+        return self._freedom(self.covariance())
 
-    def gradient_from(self, covariance: Matrix) -> Gradient:
-        """Slope of the log evidence, given the covariance A (p, p)."""
-        hidden = np.tensordot(self.products.gram, covariance, axes=2)
-        energy = self.products.residual_energy(self.mean)
+    def _freedom(self, covariance: Matrix) -> ByBand:
+        return np.asarray(self.model.count - np.tensordot(self.products.gram, covariance, axes=2) / self.noise)
+
+    def gradient(self) -> Gradient:
+        covariance = self.covariance()
+        energy = self.products.residual_energy(self.mean) / self.noise
         squares = (self.mean - self.prior.mean) ** 2 + np.diag(covariance)
         variance = self.prior.variance
         ratio = np.divide(squares, variance, out=np.ones_like(squares), where=variance > 0)
-        return Gradient(0.5 * ((energy + hidden) / self.noise - self.model.count), 0.5 * (ratio - 1))
+        return Gradient(0.5 * (energy - self._freedom(covariance)), 0.5 * (ratio - 1))
 
 
 def _by_coefficients(model: LinearModel, prior: Prior, noise: ByBand) -> PosteriorByCoefficients:
@@ -272,7 +290,7 @@ def _by_coefficients(model: LinearModel, prior: Prior, noise: ByBand) -> Posteri
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Fewer readings than coefficients: C itself is factored.
+# By readings: C itself is factored.
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,6 +316,11 @@ class PosteriorByReadings(Posterior):
         unit[rows, np.arange(len(rows))] = 1.0
         half = _solve_lower(self.factor, unit)
         return np.asarray(half.T @ half)
+
+    def freedom(self) -> ByBand:
+        inverse_root = _solve_lower(self.factor, np.eye(len(self.model.y)))
+        left = self.noise_of_readings * (inverse_root**2).sum(axis=0)
+        return np.asarray(np.bincount(self.model.band, left, len(self.noise)), dtype=np.float64)
 
     def gradient(self) -> Gradient:
         inverse_root = _solve_lower(self.factor, np.eye(len(self.model.y)))

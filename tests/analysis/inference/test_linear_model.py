@@ -178,11 +178,29 @@ def test_slope_by_levels_includes_prior_means_that_grow_with_them():
         assert slope[k] == pytest.approx((up - down) / (2 * step), rel=1e-6)
 
 
-def test_noise_of_the_residual_converges_to_the_likeliest_noise():
-    model, _ = drawn(60, 4)
-    noise = np.ones(2)
-    for _ in range(50):
-        posterior = condition(model, zero_mean(np.full(4, 2.0)), noise)
-        assert isinstance(posterior, PosteriorByCoefficients)
-        noise = noise_of_residual(posterior)
-    assert np.abs(condition(model, zero_mean(np.full(4, 2.0)), noise).gradient().by_log_noise).max() < 1e-6
+@pytest.mark.parametrize("shape", [(60, 4), (60, 61)])
+def test_noise_of_the_residual_converges_to_the_likeliest_noise(shape: tuple[int, int]):
+    model, _ = drawn(*shape)
+    prior, noise = zero_mean(np.full(shape[1], 0.01)), np.ones(2)
+    for _ in range(300):
+        noise = noise_of_residual(condition(model, prior, noise))
+    assert np.abs(condition(model, prior, noise).gradient().by_log_noise).max() < 1e-6
+
+
+@SIDES
+def test_freedom_is_the_share_of_the_inverse_covariance(shape: tuple[int, int], side: type[Posterior]):
+    model, prior = drawn(*shape)
+    diagonal = np.diag(np.linalg.inv(covariance_of_readings(model, prior)))
+    expected = NOISE * np.bincount(model.band, diagonal)
+    np.testing.assert_allclose(condition(model, prior, NOISE).freedom(), expected)
+
+
+def test_free_constant_beside_few_readings_keeps_its_digits_by_coefficients():
+    rng = np.random.default_rng(2)
+    X = np.concatenate([np.ones((6, 1)), rng.standard_normal((6, 12))], axis=1)
+    y = 5.0 + 1e-3 * rng.standard_normal(6)
+    variance = np.concatenate([[1e12], np.full(12, 1e-8)])
+    model = linear_model.linear_model(X, y, by_readings=False)
+    posterior = condition(model, zero_mean(variance), np.array([1e-6]))
+    weighted = np.linalg.inv(1e-6 * np.eye(6) + (X[:, 1:] * variance[1:]) @ X[:, 1:].T)
+    assert posterior.mean[0] == pytest.approx(np.ones(6) @ weighted @ y / weighted.sum(), rel=1e-12)
