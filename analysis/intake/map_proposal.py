@@ -50,7 +50,7 @@ from analysis.intake.table_reading import (
     possible_units,
     separate_places,
 )
-from analysis.procedures.checks.columns import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest
+from analysis.procedures.checks.columns import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, fit_nearest, right_mm
 from analysis.procedures.checks.places import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
@@ -313,7 +313,7 @@ def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[Tabl
         problem = f"fits the arm of the rig file in {part}, but not completely; {plain.line()}"
         remedy = "give measurements with a different place of target or instrument as separate files, one run each"
         raise FileError(judge.raw.where, problem, remedy, code="table.fits_partly")
-    nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of the extent of the places"
+    nominal = f"{right_mm(best.left / best.share) if best.share else RIGHT_MM:.3g} mm over these places"
     if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
         problem = f"does not fit the arm of the rig file, in any reading of the columns, to {nominal}; {best.line()}"
         remedy = "check that the rig file belongs to the arm; otherwise write a map by hand (--map)"

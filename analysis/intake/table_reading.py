@@ -26,10 +26,10 @@ from analysis.procedures.checks.columns import (
     CLEARLY,
     FEWEST,
     RIGHT_MM,
-    RIGHT_SHARE,
     fit_nearest,
     left_mm,
     meanings,
+    right_mm,
 )
 from analysis.procedures.checks.places import PlaceSource, source_of
 from analysis.procedures.shared.test_kind import Meaning
@@ -68,7 +68,7 @@ class TableReading:
 
     @property
     def fits(self) -> bool:
-        return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
+        return self.left <= (right_mm(self.left / self.share) if self.share else RIGHT_MM)
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
     def misfit_mm(rows: Mask) -> float:
         q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
         rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS) if len(q) >= FEWEST else np.inf
-        return rms_mm if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)) else np.inf
+        return rms_mm if rms_mm < right_mm(spread_of(xyz_mm)) else np.inf
 
     left = {words: max(map(misfit_mm, every)) for words, every in parts.items()}
     return next((f"{words}, which leave {mm:.2g} mm" for words, mm in left.items() if np.isfinite(mm)), "")

@@ -39,6 +39,7 @@ from analysis.robot.kinematics.arm import (
 )
 from rigs.effects import Effect
 from rigs.rig import Rig
+from rigs.schema.effect import Payload
 from rigs.schema.robot import Robot
 from rigs.schema.scene import STAGES, Stage, play
 
@@ -162,6 +163,10 @@ class Load:
     mass: Array
     centre: Array
     payload_kg: float
+
+    @property
+    def payload(self) -> Payload:
+        return Payload(self.payload_kg, float(self.mass.sum()))
 
 
 def load_of(robot: Robot) -> Load:

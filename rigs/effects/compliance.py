@@ -6,18 +6,22 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, FreeShape, Payload, Scope, at_each_axis, shape, size
 from rigs.schema.part import Axis
 from rigs.schema.reference import Reference
 from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
-_HANGS_KG = 5.0
-"""First assumption for an unknown payload during a test."""
-_HEAVY_KG = 15.0
-"""Second assumption for an unknown payload."""
-_STATED_SHARE, _LEAST_KG = 0.03, 0.1
-"""Uncertainty of a given payload. Chosen: a tool is weighed to a few percent; cables and a ball weigh 0.1 kg."""
+_HANGS, _SPREAD, _HEAVY = 1 / 6, 0.23, 0.5
+"""Unknown payload during a test as a share of the mass of the arm: first assumption, its uncertainty, and second
+assumption. The rated payload is 0.12 (IRB 120) to 0.47 (iiwa 14) of the mass of arms from 0.6 to 1100 kg.
+"""
+_ARM_KG = 30.0
+"""Mass of an arm without stated masses: a UR10 or an iiwa 14."""
+_STATED_SHARE, _LEAST_SHARE = 0.03, 1 / 300
+"""Uncertainty of a given payload, as a share of it, and at least of the mass of the arm. Chosen: a tool is weighed to a
+few percent; cables and a ball weigh 0.1 kg at an arm of 30 kg.
+"""
 
 _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
     "industrial": (5e-5, 3e-4),
@@ -57,26 +61,28 @@ class Compliance(Effect):
     DEED = "enter"
     PART = "gravity"
     PLACE = AT_AXIS
-    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG,), low=0.0),)
+    FREE = (FreeShape("payload_kg", _HANGS * _ARM_KG, _SPREAD * _ARM_KG, tried=(_HEAVY * _ARM_KG,), low=0.0),)
     MOST = 1000.0
     """Chosen: the softest axis allowed in a rig file. Joints of light arms are far softer than the healthy sizes."""
 
     @classmethod
-    def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
+    def free(cls, payload: Payload) -> tuple[FreeShape, ...]:
         """Payload as a shape to fit: a given one varies within the uncertainty of scales and cables, and further only
-        if the readings contradict it, for example because the tool was not mounted.
+        if the readings contradict it, for example because the tool was not mounted. An unknown one scales with the arm.
         """
-        if payload_kg <= 0:
-            return cls.FREE
-        spread = max(_STATED_SHARE * payload_kg, _LEAST_KG)
-        return (FreeShape("payload_kg", 0.0, spread, tried=(_HEAVY_KG, -payload_kg), stated=True, low=-payload_kg),)
+        arm_kg = payload.arm_kg or _ARM_KG
+        if payload.kg <= 0:
+            return (FreeShape("payload_kg", _HANGS * arm_kg, _SPREAD * arm_kg, tried=(_HEAVY * arm_kg,), low=0.0),)
+        spread = max(_STATED_SHARE * payload.kg, _LEAST_SHARE * arm_kg)
+        tried = (_HEAVY * arm_kg, -payload.kg)
+        return (FreeShape("payload_kg", 0.0, spread, tried=tried, stated=True, low=-payload.kg),)
 
     def apply(self, scene: S) -> S:
         return scene.turned(self.axis, np.radians(self.deg_per_Nm) * scene.torques(self.payload_kg)[:, self.axis - 1])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Compliance]]:
-        return at_each_axis(cls, scope, payload_kg=cls.free(scope.payload_kg)[0].expected)
+        return at_each_axis(cls, scope, payload_kg=cls.free(scope.payload)[0].expected)
 
     @property
     def healthy(self) -> float:

@@ -79,6 +79,14 @@ class EffectProvenance(Part):
 
 
 @dataclass(frozen=True)
+class Payload:
+    """Payload at the flange and mass of the arm, by the rig file; 0 if not given."""
+
+    kg: float = 0.0
+    arm_kg: float = 0.0
+
+
+@dataclass(frozen=True)
 class Scope:
     timed: bool
     """Joints turn during the readings (circles)."""
@@ -89,8 +97,7 @@ class Scope:
     """Range of each joint in turns during the readings."""
     rail: bool = False
     """True if the arm is on a rail with several positions."""
-    payload_kg: float = 0.0
-    """Payload at the flange in the rig file; 0 if not given."""
+    payload: Payload = Payload()
 
     @property
     def axes(self) -> range:
@@ -243,7 +250,7 @@ class Effect(Part, ABC):
         return self.CORRECTION
 
     @classmethod
-    def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
+    def free(cls, payload: Payload) -> tuple[FreeShape, ...]:
         return cls.FREE
 
     def flank_deg(self) -> float | None:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.predict import Model, model_of, moved, visits
+from analysis.robot.predict import Model, load_of, model_of, moved, visits
 from rigs.calibration import effects_of, is_sine, sine_of
 from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
@@ -74,7 +74,9 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
     Without those that only change the base frame or the ball: all of axis 1, and zero and d of the last axis.
     """
     axes = rig.robot.axes
-    scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
+    scope = Scope(
+        False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, load_of(rig.robot).payload
+    )
     forms = [form for cls in VOCABULARY.values() for seat in cls.forms(scope) for form in seat]
     grouped = [(group, form) for group in GROUPS for form in forms if _group_of(form, rig) == group]
     usual = [(group, scaled(healthy(form), form.usual_times(rig.reference))) for group, form in grouped]

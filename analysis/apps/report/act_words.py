@@ -41,7 +41,8 @@ class ActWords(AnswerWords):
         """
         earlier = {one.kind for one in takewhile(lambda one: one != act, self.diagnosis.acts)}
         is_otherwise = act.kind == "load" and "check" in earlier
-        condition = self.texts("act_otherwise") if is_otherwise else ""  # before the command that it restricts
+        key = "act_otherwise" if is_otherwise else "act_if_confirmed" if act.conditional else ""
+        condition = self.texts(key) if key else ""  # before the command that it restricts
         # The act changes the arm for which an earlier act in the list makes a correction.
         is_instead = "load" in earlier and act.kind in (*REPAIRS, "check")
         instead = self.texts("act_instead") if is_instead and not corrected else ""
@@ -65,19 +66,21 @@ class ActWords(AnswerWords):
             key = f"act_{act.kind}" + load_variant(rig) * (act.kind == "load")
             keys = (f"{key}_{act.why}", *[f"{key}_unwritten"] * bool(self._unwritten_model(act)), key)
             return self.of_places(*keys, command=command(act), maker=rig.maker or "MAKER")
-        kind, part = act.kind, {"clocks": "gauges", "gravity": "base"}.get(act.effect.part, act.effect.part)
+        kind, part = act.kind, {"clocks": "gauges"}.get(act.effect.part, act.effect.part)
         ends = (f"_{act.effect.effect}", f"_{part}", f"_{act.why}", "")
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
         twins = next((named.twins for named in self.diagnosis.effects if named.effect == act.effect), ())
         return texts(
             *(f"act_{kind}{end}" for end in ends),
-            cause=texts("or").join(map(self.noun, (act.effect, *twins))),
+            cause=self.noun_with_twins(act.effect, twins),
             size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
             axis=self.joint(act.effect),
         )
 
     def imperative(self, act: Act) -> str:
+        if act.conditional:
+            return joined([self.texts("act_if_confirmed"), self.what(act)])
         if act.kind != "load":
             return self.texts("do_convert") if act.kind == "convert" else self.what(act)
         step = self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
@@ -172,7 +175,9 @@ class ActWords(AnswerWords):
         texts, test = self.texts, act.test
         if act.why in _KEYS:
             cause = self.noun(act.effect) if act.effect else ""
-            return self.of_places(_KEYS[act.why], cause=cause, count=act.runs)
+            earlier = {one.kind for one in takewhile(lambda one: one != act, self.diagnosis.acts)}
+            later = "_later" if act.why == "elsewhere" and "load" in earlier else ""
+            return self.of_places(f"{_KEYS[act.why]}{later}", cause=cause, count=act.runs)
         if act.why == "follows" and (followed := self.diagnosis.residual.likeliest):
             return texts(f"act_follows_{followed.what}", joint=self.joint(followed))
         if test is None:

@@ -13,7 +13,6 @@ from analysis.apps.report.diagnosis_words import (
     micrometres,
     movement_sentence,
     percent,
-    plain,
     size,
     sure,
 )
@@ -21,18 +20,16 @@ from analysis.apps.report.texts import ENGLISH, Texts, capital, joined
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.acts import IMITATED
+from analysis.diagnosis.judge.certainty import fault_rivals, is_certain_part, is_sure, likely_rivals
 from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
     LEAST_SHARE,
     BudgetPart,
     Diagnosis,
     Gap,
+    GroupMember,
     Named,
     Rival,
-    fault_rivals,
-    is_certain_part,
-    is_sure,
-    likely_rivals,
 )
 from analysis.diagnosis.judge.verdict import is_undecided
 from analysis.procedures.shared.quantity import quantity_of
@@ -45,6 +42,10 @@ HARMLESS = ("uncalibrated", "nothing_unusual")
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
 _MOST_NAMED = 3
+_SMALL_PAYLOAD = 0.02
+"""Share of the mass of the arm below which a payload hardly changes the softness that explains a deflection."""
+LIKELY = 0.5
+"""Odds below which a cause is not the likeliest: another cause is likelier."""
 
 
 def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -72,11 +73,18 @@ def is_certain_except_small(diagnosis: Diagnosis) -> bool:
     A fault in a small part cannot be the first act, because acts are sorted by gain.
     """
     residual = diagnosis.residual
-    if diagnosis.condition != "undecided" or residual.scatter_um or residual.unrepeated_um:
+    if diagnosis.condition != "undecided" or residual.scatter_um:
         return False
-    open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_undecided([named]))
+    open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_open_cause(diagnosis, named))
     certain = [part for part in large_parts(diagnosis) if is_sure(diagnosis, part)]
-    return 0 < open_share <= LEAST_SHARE and bool(certain)
+    return open_share <= LEAST_SHARE and bool(certain)
+
+
+def is_open_cause(diagnosis: Diagnosis, named: Named) -> bool:
+    """True if more runs may find a fault, and not only the size of a certain contribution is open."""
+    part = part_of(diagnosis, named)
+    is_size_open = named.doubt == "unsure" and part is not None and is_sure(diagnosis, part)
+    return is_undecided([named]) and not is_size_open
 
 
 def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -196,13 +204,18 @@ class AnswerWords:
     def size_of(self, part: BudgetPart) -> str:
         """Size of an effect ± standard uncertainty; empty for other parts."""
         named = self.diagnosis.named_of(part)
-        return size(named) if named else ""
+        return self.size_words(named) if named else ""
 
     def likely_members(self, part: BudgetPart) -> str:
         """The effects of which one may cause a group of small errors; empty if none is likely."""
-        likely = [member for member in part.members if member.odds >= LEAST_ODDS][:_MOST_NAMED]
-        members = [self.with_odds(member.effect, member.odds) for member in likely]
-        return self.texts("likely_members", members=self.texts("or").join(members)) if members else ""
+        likely = [(member.effect, member.odds) for member in part.members]
+        if part.kind == "unexplained":  # names that an unknown cause may imitate
+            likely = [(named.effect, named.probability) for named in self.diagnosis.effects if named.doubt in IMITATED]
+        likely = [(effect, odds) for effect, odds in likely if odds >= LEAST_ODDS][:_MOST_NAMED]
+        members = [self.with_odds(effect, odds) for effect, odds in likely]
+        is_likely = part.kind != "unexplained" and any(odds >= LIKELY for _, odds in likely)
+        key = "likely_members" if is_likely else "possible_members"
+        return self.texts(key, members=self.texts("or").join(members)) if members else ""
 
     def with_odds(self, effect: Effect, odds: float) -> str:
         return f"{self.noun(effect)} ({sure(odds)})"
@@ -214,13 +227,36 @@ class AnswerWords:
         return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
 
     def noun(self, effect: Effect) -> str:
+        return self._noun_at(effect, self.joint(effect))
+
+    def _noun_at(self, effect: Effect, joint: str) -> str:
         words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
         if words is None:
-            return plain(self.diagnosis.rig, effect)
-        fields = effect.model_dump() | {"joint": self.joint(effect)}
+            return effect.plain(joint)
+        fields = effect.model_dump() | {"joint": joint}
         if "order" in fields:  # as a number of teeth
             fields["order"] = whole_order(fields["order"])
         return words.format(**fields)
+
+    def noun_with_twins(self, effect: Effect, twins: Sequence[Effect]) -> str:
+        """Name of effects that no reading separates. Constants of parallel axes, of which only the sum is known, have a
+        common name.
+        """
+        every = (effect, *twins)
+        axes = [axis for one in every if (axis := getattr(one, "axis", None))]
+        is_alike = len({(one.effect, getattr(one, "field", "")) for one in every}) == 1
+        if len(axes) < 2 or len(axes) < len(every) or not is_alike:
+            return self.texts("or").join(map(self.noun, every))
+        joint = self.texts("axes_numbered", axes=", ".join(map(str, sorted(axes))))
+        return self._noun_at(effect, joint)
+
+    def size_words(self, named: Named | GroupMember) -> str:
+        """Size of an effect; of a deflection with the payload, if the rig file does not state it."""
+        robot, payload_kg = self.diagnosis.rig.robot, getattr(named.effect, "payload_kg", 0.0)
+        is_small = payload_kg <= _SMALL_PAYLOAD * sum(axis.mass_kg for axis in robot.axes)
+        if robot.payload_kg > 0 or is_small:
+            return size(named)
+        return self.texts("size_with_payload", size=size(named), kg=f"{payload_kg:.2g}")
 
     def joint(self, effect: object) -> str:
         """Name of the axis of an effect; empty if it has none."""
@@ -254,7 +290,7 @@ class AnswerWords:
             (named,) = self.diagnosis.effects
             limit = min((abs(limit) for limit in size_limits(named.effect) if limit), default=math.inf)
             unit = quantity_of(named.effect, size_field(named.effect), {}).sign
-            nouns = self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
+            nouns = self.noun_with_twins(named.effect, named.twins)
             values = {"size": size(named), "limit": f"{limit:.4g} {unit}".rstrip()}
             return self.texts("finding_out_of_range", parameter=nouns, **values)
         unusual = [f"{self.short_name(part)}, {self.times_usual(part)}" for part in unusual_groups(self.diagnosis)]

@@ -40,12 +40,14 @@ from analysis.apps.report.diagnosis_words import (
 )
 from analysis.apps.report.summary_words import Summary, summarise
 from analysis.apps.report.texts import ENGLISH, Texts, joined
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
 from analysis.diagnosis.judge.comparison import LocatedResidual
 from analysis.diagnosis.judge.residuals import ModelResidual, ResidualPlace, Staircase
 from analysis.diagnosis.judge.result import Diagnosis, Named
+from analysis.procedures.shared.quantity import Quantity
 from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
@@ -80,12 +82,20 @@ def summary_blocks(summary: Summary, texts: Texts) -> list[Block]:
 
 
 def sections_of(
-    diagnosis: Diagnosis, texts: Texts, acts: Sequence[Act] | None = None, *, corrected: bool = False
+    diagnosis: Diagnosis,
+    texts: Texts,
+    acts: Sequence[Act] | None = None,
+    *,
+    instead: Sequence[Act] = (),
+    corrected: bool = False,
 ) -> Sections:
-    """acts: the open acts, by default all; corrected: the robot drives corrected."""
+    """acts: the open acts, by default all; corrected: the robot drives corrected; instead: acts that would replace this
+    correction."""
     words = ActWords(diagnosis, texts)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     steps = [Sentence(f"{k}. {words.sentence(act, corrected=corrected)}") for k, act in enumerate(open_acts, 1)]
+    ways = [Sentence(f"• {words.sentence(act, corrected=corrected)}") for act in instead]
+    steps += [Sentence(texts("instead_of_correction")), *ways] if ways else []
     stairs = stairs_of(diagnosis, texts)
     # The condition unless the faults state it, the effects of the rig file, and the present accuracy
     is_named = diagnosis.condition in ("named", "ambiguous")
@@ -166,8 +176,15 @@ def _passport(words: AnswerWords) -> list[Block]:
         return []
     key = "passport_moved" if passport.last_visit else "passport_changed"
     changed = texts(key, names=", ".join(map(words.noun, passport.changed))) if passport.changed else ""
-    rows = [(texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in passport.distances.items()]
+    rows = [(texts(f"passport_{name}"), _distance(of, words)) for name, of in passport.distances.items()]
     return [Sentence(joined([texts("about_passport"), changed])), Table(("", "µm"), rows, {1})]
+
+
+def _distance(distance: Quantity, words: AnswerWords) -> str:
+    """A distance with an uncertainty above the error of the arm is not known at all."""
+    if distance.u > words.diagnosis.accuracy.now_um and distance.value < CERTAIN_SIGMA * distance.u:
+        return words.texts("passport_unknown", u=micrometres(distance.u))
+    return error_size(distance.value, distance.u)
 
 
 def _faults(words: AnswerWords) -> list[Block]:

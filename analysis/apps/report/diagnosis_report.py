@@ -14,7 +14,8 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from analysis.diagnosis.judge.acts import acts_with
-from analysis.diagnosis.judge.result import Diagnosis, likely_rivals
+from analysis.diagnosis.judge.certainty import likely_rivals
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.runs.written_files import Writer, holding, refuse_existing, write_all_new
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.edit import extended

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from analysis.apps.report.act_words import REPAIRS, ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import (
     HARMLESS,
+    LIKELY,
     has_model,
     is_certain_except_small,
     is_complete,
@@ -24,23 +25,22 @@ from analysis.apps.report.diagnosis_words import (
     measured_u,
     micrometres,
     percent,
-    size,
     sure,
 )
 from analysis.apps.report.texts import ENGLISH, Phrase, Texts, capital, extended, joined, keys_of
 from analysis.correction.deviation import Deviation
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.judge.acts import IMITATED, Act
-from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import (
-    LARGE_SHARE,
-    LEAST_SHARE,
-    BudgetPart,
-    Diagnosis,
-    Named,
+from analysis.diagnosis.judge.certainty import (
+    is_certain_cause,
     is_certain_part,
     is_sure,
     likely_rivals,
+    outweighs_unexplained,
 )
+from analysis.diagnosis.judge.probability import CONFIRMED
+from analysis.diagnosis.judge.result import LARGE_SHARE, LEAST_SHARE, BudgetPart, Diagnosis, Named
+from rigs.schema.effect import is_wave, size_field
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ _MOST_RIVALS = 3
 _LEAST_SHARE = 0.01
 """Chosen: the narrowest visible segment."""
 _TENTH_PERCENT = 0.001
-_LIKELY = 0.5
-"""Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
+_UNDETERMINED = 0.5
+"""Relative standard uncertainty of a size from which the size is not stated: half of it lies below twice that."""
 _OPEN = ("cause_open", "ambiguous", "undecided", "unusual_group")
 """Headings of an open cause. A correction does not need the cause, and the first line says so."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
@@ -179,10 +179,14 @@ class _SummaryWords(ActWords):
         return "no_certain_fault" if is_certain_except_small(diagnosis) else diagnosis.condition
 
     def heading(self, causes: Sequence[_Cause], act: Act | None) -> str:
-        if self.standing not in (*WITHOUT_FAULT, "named", "ambiguous"):
-            return self.standing
-        if any(cause.is_certain for cause in causes):
+        leads = bool(causes) and causes[0].is_certain
+        may_lead = self.standing in (*WITHOUT_FAULT, "named", "ambiguous", "outside_library")
+        if may_lead and leads:
             return "cause_found"
+        if not may_lead or self.standing == "outside_library":
+            return self.standing
+        if self.standing == "named" and causes and not causes[0].is_single:
+            return "uncalibrated"
         if is_complete(self.diagnosis):
             return "explained"
         if any(cause.is_single for cause in causes):
@@ -223,7 +227,9 @@ class _SummaryWords(ActWords):
     def _cause(self, causes: Sequence[_Cause]) -> str:
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         condition = self.diagnosis.condition
-        is_unknown = condition in ("out_of_range", "outside_library") or (condition == "undecided" and names_open)
+        leads = bool(causes) and causes[0].is_certain
+        is_unknown = condition == "out_of_range" or (condition == "outside_library" and not leads)
+        is_unknown |= condition == "undecided" and names_open
         is_scatter = self.standing == "undecided" and condition != "undecided"
         is_group = self.standing == "unusual_group" and not any(cause.is_single for cause in causes)
         undecided = self.usual_or_faults
@@ -233,21 +239,22 @@ class _SummaryWords(ActWords):
         first, *others = causes
         words = first.words
         if not first.is_fault and (faults := [cause for cause in others if cause.is_fault]):
-            others = others[1:]
             words = self.texts("also_a_fault", first=words, fault=faults[0].words)
-        more = self.texts.counted("and_more_causes", len(others)) if others else ""
-        return capital(Phrase(f"{joined([words, more], ', ')}.", keys_of(words)))
+        return capital(Phrase(f"{words}.", keys_of(words)))
 
     def leading(self) -> list[_Cause]:
+        """Causes of the error: the largest certain one first, if it causes a large part of the error, then by share."""
         diagnosis, causes = self.diagnosis, []
         for named in diagnosis.standing:
-            part = part_of(diagnosis, named)
-            is_certain = named.probability >= CONFIRMED and not likely_rivals(named)
+            part, is_certain = part_of(diagnosis, named), is_certain_cause(diagnosis, named)
             share = part.share if part else 0.0
             causes.append(_Cause(share, self._effect(named, part, is_fault=True), is_certain, is_fault=True))
         for part in large_parts(diagnosis):
-            is_single = part.index is not None or bool(part.members and part.members[0].odds >= _LIKELY)
-            is_certain = is_single and is_sure(diagnosis, part)
+            is_single = part.index is not None or bool(part.members and part.members[0].odds >= LIKELY)
+            is_certain = is_single and (is_sure(diagnosis, part) or self._is_usual_kind(part))
+            if diagnosis.condition == "outside_library":
+                named_part = diagnosis.named_of(part)
+                is_certain &= named_part is not None and outweighs_unexplained(diagnosis, named_part)
             causes.append(_Cause(part.share, self._part(part), is_certain, is_single=is_single))
         for part in diagnosis.budget:
             imitated = diagnosis.named_of(part)
@@ -255,42 +262,66 @@ class _SummaryWords(ActWords):
                 why = self.texts(f"doubt_{imitated.doubt}")
                 name = self.texts("not_confirmed_because", part=self.short_name(part), why=why)
                 causes.append(_Cause(part.share, joined([name, self._share(part)], ", "), False))
-        return sorted(causes, key=lambda cause: -cause.share)
+        return sorted(causes, key=lambda cause: (not (cause.is_certain and cause.share > LARGE_SHARE), -cause.share))
+
+    def _is_usual_kind(self, part: BudgetPart) -> bool:
+        """True if only the name is open: the effect, or several small errors of its kind, certainly cause a part."""
+        named = self.diagnosis.named_of(part)
+        if named is None or likely_rivals(named) or not is_certain_part(self.diagnosis, part):
+            return False
+        return named.probability + named.alternatives.get("healthy", 0.0) >= CONFIRMED
 
     def _share(self, part: BudgetPart) -> str:
         return self.texts("share_of_error", share=percent(min(part.share, 1.0)))
 
     def _part(self, part: BudgetPart) -> str:
-        if named := self.diagnosis.named_of(part):
-            return self._effect(named, part)
         usual = self.texts("size_usual") if part.rank == "usual" else ""
-        member = part.members[0] if part.members and part.members[0].odds >= _LIKELY else None
+        if named := self.diagnosis.named_of(part):
+            if named.probability >= LIKELY or not self._is_usual_kind(part):
+                return self._effect(named, part)
+            kind = self.texts(f"part_{named.effect.part}", joint=self.joint(named.effect))
+            member = joined([self.noun(named.effect), self.size_words(named)], ", ")
+            name = joined([kind, usual, self._share(part)], ", ")
+            return self.texts("possible_member", part=name, member=member, odds=sure(named.probability))
+        likeliest = part.members[0] if part.members and part.members[0].odds >= LIKELY else None
         # The odds of a member assume that the group exists, so the doubt about the group is stated too.
-        is_open = member and not is_certain_part(self.diagnosis, part)
+        is_open = likeliest and not is_certain_part(self.diagnosis, part)
         uncertain = self.texts("size_uncertain", um=self.error_size(part.um, part.u_um)) if is_open else ""
         name = joined([self.short_name(part), usual, uncertain, self._share(part)], ", ")
-        if member is None:
+        if likeliest is None:
             return name
-        return self.texts("probable_member", part=name, member=self.noun(member.effect), odds=sure(member.odds))
+        return self.texts("probable_member", part=name, member=self.noun(likeliest.effect), odds=sure(likeliest.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None, *, is_fault: bool = False) -> str:
         """An effect with size, class and share, and its likely rivals; only the causes with their odds if none is
         likely.
         """
         share, likely = self._share(part) if part else "", likely_rivals(named)
-        if named.probability < _LIKELY and likely:
+        if named.probability < LIKELY and likely:
             causes = self.likeliest_first(named)[: _MOST_RIVALS + 1]
             odds = [self.with_odds(cause.effect, cause.probability) for cause in causes]
             return joined([self.texts("one_of", causes=self.texts("or").join(odds)), share], ", ")
         probable = "" if named.probability >= CONFIRMED else self.texts("likely", odds=sure(named.probability))
         rank = "fault" if is_fault else part.rank if part and part.rank in ("usual", "difference") else ""
         kind = self.texts(f"size_{rank}") if rank else ""
-        first = joined([self.noun(named.effect), size(named), probable, kind, share], ", ")
-        rivals = [*dict.fromkeys(map(self.noun, (*named.twins, *(rival.effect for rival in likely))))]
+        first = joined([self._name_and_size(named), probable, kind, share], ", ")
+        rivals = [*dict.fromkeys(self.noun(rival.effect) for rival in likely)]
         unlisted = len(rivals) - _MOST_RIVALS
         more = self.texts.counted("and_more_causes", unlisted) if unlisted > 0 else ""
         others = joined([self.texts("or").join(rivals[:_MOST_RIVALS]), more], ", ")
         return self.texts("otherwise", first=first, others=others) if rivals else first
+
+    def _name_and_size(self, named: Named) -> str:
+        """Name and size of an effect; of a certain change whose size is not determined, the change in µm."""
+        effect, field = named.effect, size_field(named.effect)
+        name = self.noun_with_twins(effect, named.twins)
+        um = self.error_size(named.contribution_um, named.u_um)
+        is_change_known = named.contribution_um > SURE_SIGMA * named.u_um
+        if not is_change_known or named.sd.get(field, 0.0) < _UNDETERMINED * abs(getattr(effect, field)):
+            return joined([name, self.size_words(named)], ", ")
+        if is_wave(effect):
+            return self.texts("smooth_error", joint=self.joint(effect), um=f"{um} µm")
+        return self.texts("size_not_determined", name=name, um=f"{um} µm")
 
     def unknowns(self, act: Act | None, first: str) -> list[str]:
         diagnosis, against = self.diagnosis, self.against(act) if act else ""
@@ -353,14 +384,16 @@ class _SummaryWords(ActWords):
             self._each_by_itself if is_split else "",
             texts("basis_moved") if diagnosis.movements else "",
         ]
-        now_label = texts("error_left_by_model" if has_model(diagnosis) else "error_now_label")
+        label_now = "error_uncorrected_label" if diagnosis.driven_corrected else "error_now_label"
+        now_label = texts("error_left_by_model" if has_model(diagnosis) else label_now)
         change = ErrorChange(now_label, now, label, after, joined(notes), self.judged)
         return change.with_remarks(texts, is_measured=has_measured_noise(diagnosis))
 
     @property
     def _correction_alone(self) -> Act | None:
-        """The correction, if it is the first act and compensates all faults, so that no repair is due."""
-        first, diagnosis = self.diagnosis.next_act, self.diagnosis
+        """The correction, if it is the first act except measurements and compensates all faults: no repair is due."""
+        diagnosis = self.diagnosis
+        first = next((act for act in diagnosis.acts if act.kind != "measure"), None)
         is_valid = first and first.kind == "load" and first.removes and first.place == diagnosis.accuracy.place
         return first if is_valid and diagnosis.standing and not self.not_compensated else None
 
@@ -401,6 +434,6 @@ class _SummaryWords(ActWords):
             return f"{name} ({self.texts('not_confirmed')})"
         if named.probability >= CONFIRMED:
             return name
-        if named.probability < _LIKELY and likely_rivals(named):
+        if named.probability < LIKELY and likely_rivals(named):
             return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
         return f"{name} ({self.texts('likely', odds=sure(named.probability))})"

@@ -57,6 +57,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         SessionAct(
             kind=act.kind, why=act.why, words=words.sentence(act), corrected=words.sentence(act, corrected=True),
             step=words.imperative(act), action=words.action_of(act), command=command(act),
+            remains_um=act.remains_um, with_before_um=act.with_before_um,
         )
         for act in named.acts
     )  # fmt: skip

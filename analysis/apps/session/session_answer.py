@@ -94,6 +94,8 @@ def end_blocks(session: Session, directory: Path) -> list[Block]:
     if session.to_do:
         blocks += [Heading(_TEXTS("then")), *(Sentence(f"{k}. {act}") for k, act in enumerate(session.to_do, 1))]
         blocks += [Sentence(_TEXTS(f"after_cause_{after.way}"), "note")] if after and after.driven else []
+    if session.instead and after:
+        blocks += [Sentence(_TEXTS("instead_of_correction")), *map(Sentence, session.instead)]
     if after and after.own_programs:
         blocks += [Sentence(_TEXTS("arm_unchanged")), Command(after.own_programs)]
     if answer and answer.level != 1:

@@ -53,12 +53,14 @@ def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
         return _path_error(place.runs_of(steps), model, added_deg, noise_um)
 
     verify = session.runs_for("verify")
+    driven = [load_measured(run) for run in place.runs_of([step for step in verify if step.stage != ELSEWHERE])]
     tests = {(step.stage, step.test, step.direction) for step in verify}
     return VerifiedError(
         same_before=error([one for one in session.runs_for("find") if (one.stage, one.test, one.direction) in tests]),
         same_after=error([step for step in verify if step.stage != ELSEWHERE], model),
         elsewhere_before=error(session.runs_for("judge")),
         elsewhere_after=error([step for step in verify if step.stage == ELSEWHERE], model),
+        standing=judge(evaluate_runs(driven), driven[0].rig.limits).overall if driven else "unjudged",
     )
 
 

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from analysis.apps.report.summary_words import Summary, with_corrections_removed, with_driven_error, with_next
 from analysis.apps.report.texts import texts_of
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
-from analysis.diagnosis.judge.acts import is_done
+from analysis.diagnosis.judge.acts import ActiveCorrection, open_acts
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
@@ -112,6 +112,8 @@ class SessionAct(Part):
     action: str = ""
     """The imperative in a few words."""
     command: str = ""
+    remains_um: float | None = None
+    with_before_um: float | None = None
 
 
 class Answer(Part):
@@ -174,6 +176,8 @@ class VerifiedError(Part):
     same_after: Deviation | None = None
     elsewhere_before: Deviation | None = None
     elsewhere_after: Deviation | None = None
+    standing: Literal["pass", "watch", "fail", "unjudged"] = "unjudged"
+    """Of the corrected robot, by the limits of the rig file."""
 
 
 class Emulated(Part):
@@ -256,37 +260,61 @@ class Session(Part):
         return tuple(sides)
 
     @property
+    def active(self) -> ActiveCorrection | None:
+        """The verified correction of the robot."""
+        correction, verified = self.correction, self.verified
+        if not (correction and verified and verified.same_after) or correction.way == "none":
+            return None
+        return ActiveCorrection(correction.way, verified.same_after.um, verified.same_after.u_um)
+
+    @property
     def to_do(self) -> tuple[str, ...]:
         """Acts by priority. A verified correction is left out."""
         answer = self.answer
         if answer is None:
             return ()
-        open_acts = tuple((self.is_corrected and act.corrected) or act.words for act in self.open_acts)
-        return open_acts if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
+        if not answer.acts:
+            return tuple(filter(None, (answer.next_step, *answer.remedies)))
+        return tuple(map(self._words, self.open_acts))
+
+    @property
+    def instead(self) -> tuple[str, ...]:
+        """Acts that would replace the correction, and leave a larger error."""
+        return tuple(map(self._words, self._divided_acts[1]))
+
+    def _words(self, act: SessionAct) -> str:
+        return (self.is_corrected and act.corrected) or act.words
 
     @property
     def open_acts(self) -> tuple[SessionAct, ...]:
+        return self._divided_acts[0]
+
+    @property
+    def _divided_acts(self) -> tuple[tuple[SessionAct, ...], tuple[SessionAct, ...]]:
         if self.answer is None:
-            return ()
-        way = self.correction.way if self.correction and self.is_corrected else None
-        elsewhere = bool(self.answer.joined or self.answer.judges or way)
-        return tuple(act for act in self.answer.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
+            return (), ()
+        elsewhere = bool(self.answer.joined or self.answer.judges or self.active)
+        return open_acts(self.answer.acts, self.active, elsewhere=elsewhere)
 
     @property
     def summary(self) -> Summary | None:
         """Headline and tiles of the last answer; for a corrected robot with the error measured after the correction."""
         if self.answer is None or (summary := self.answer.summary) is None:
             return None
-        acts, verified = self.open_acts, self.verified
+        acts, verified, active, texts = self.open_acts, self.verified, self.active, texts_of("en")
         if verified and verified.same_before and verified.same_after:
-            summary = with_driven_error(summary, verified.same_before, verified.same_after, texts_of("en"))
+            summary = with_driven_error(summary, verified.same_before, verified.same_after, texts)
         elif self.judged and self.judged.summary:
             summary = replace(summary, error=self.judged.summary.error)
+        if active and verified:
+            is_enough = verified.standing != "fail"
+            if is_enough or not acts:
+                key = "act_none_corrected" if is_enough else "act_none_corrected_fail"
+                return with_next(summary, texts(key), "", texts("do_now_none") if is_enough else "")
         if not acts:
             return with_next(summary, "", "", "")
         summary = with_next(summary, acts[0].step, acts[0].command, acts[0].action)
-        way = self.correction.way if self.correction and self.is_corrected else "none"
-        return with_corrections_removed(summary, acts[0].kind, way, texts_of("en"))
+        return with_corrections_removed(summary, acts[0].kind, active.way if active else "none", texts)
 
     def runs_for(self, *purposes: Purpose) -> list[ProgramStep]:
         return [step for step in self.steps if step.purpose in purposes and step.run]

@@ -67,7 +67,7 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             sizes = [min(1.0, form.STRAIGHT)]
             if is_play(form):  # the response depends on the width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
-            tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload_kg) for value in free.tried]
+            tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload) for value in free.tried]
             # All alternatives to the rig file together are as likely as the stated value, so their number does not
             # lower the likelihood of a name.
             weight = 1 / len(tried) if any(stated for stated, _ in tried) else 1.0
@@ -87,8 +87,8 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     # On circles, if any, joints move during the readings.
     moving = [block for block in blocks if block.table.swept] or blocks
     turned = np.max([block.turns for block in moving], axis=0)
-    payload_kg = blocks[0].model.load.payload_kg
-    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)
+    payload = blocks[0].model.load.payload
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -395,7 +395,7 @@ def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> l
             begin = float(at[shape.field])
             spread = max(shape.share * begin, shape.least)
             unknowns.append(UnknownParameter(k, shape.field, begin, spread, shape.low))
-        for free in effect.free(linear.payload_kg):
+        for free in effect.free(linear.payload):
             spread = free.spread_from(float(at[free.field]))
             unknowns.append(UnknownParameter(k, free.field, free.expected, spread, free.low))
     return unknowns

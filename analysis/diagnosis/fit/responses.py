@@ -19,7 +19,7 @@ from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shi
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.predict import ModelScene, SetUp, SetUps
 from rigs.effects import Effect
-from rigs.schema.effect import PHASE, name_of
+from rigs.schema.effect import PHASE, Payload, name_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Contributions of effects to the whitened readings, as objects with an identity: results computed from a response are
@@ -137,8 +137,8 @@ class Linearisation:
         return self.blocks[0].model.arm.axes
 
     @property
-    def payload_kg(self) -> float:
-        return self.blocks[0].model.load.payload_kg
+    def payload(self) -> Payload:
+        return self.blocks[0].model.load.payload
 
     @property
     def reference(self) -> tuple[Effect, ...]:

@@ -185,7 +185,7 @@ class StateEvidence:
         """Log evidence required for shapes of an effect that differ from the rig file: with unknown link masses, a soft
         joint and a heavy load look the same.
         """
-        free = effect.free(self.linear.payload_kg)
+        free = effect.free(self.linear.payload)
         off = [abs(getattr(effect, one.field) - one.expected) > SURE_SIGMA * one.spread for one in free if one.stated]
         return HEALTHY_PRICE * float(sum(off))
 

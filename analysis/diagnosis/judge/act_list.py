@@ -14,20 +14,22 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
-from analysis.diagnosis.judge.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
-from analysis.diagnosis.judge.residuals import independent_um
-from analysis.diagnosis.judge.result import (
-    LARGE_SHARE,
-    LEAST_SHARE,
-    BudgetPart,
-    Diagnosis,
-    Gap,
-    Named,
-    fault_rivals,
-    is_open,
-    is_sure,
-    likely_rivals,
+from analysis.diagnosis.judge.acts import (
+    CHANGES_ARM,
+    CORRECTED,
+    FOUND,
+    Act,
+    ActiveCorrection,
+    Against,
+    Cost,
+    JudgedOn,
+    NamingTest,
+    Reason,
+    open_acts,
 )
+from analysis.diagnosis.judge.certainty import fault_rivals, is_certain_cause, is_open, is_sure, likely_rivals
+from analysis.diagnosis.judge.residuals import independent_um
+from analysis.diagnosis.judge.result import LARGE_SHARE, LEAST_SHARE, BudgetPart, Diagnosis, Gap, Named
 from rigs.calibration import verdict_of
 from rigs.effects import Effect, turned
 from rigs.schema.effect import label_of, name_of, size_field
@@ -39,7 +41,8 @@ _REPEATS = 2
 """Runs per direction needed to show changes with time."""
 _WRONG = 25.0
 """Ratio to the usual size above which a constant of the arm is checked in the rig file before it is corrected: 5 mm of
-an industrial, 10 mm of a light arm. Chosen: the nominal constants of the right arm are accurate to 10 mm.
+an industrial, 10 mm of a light arm. Chosen: the nominal constants of the right arm are accurate to 10 mm. A softness
+or a gear error is no constant of the rig file.
 """
 
 
@@ -106,19 +109,43 @@ def acts_of(
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
     reducing = [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)]
     acts = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
-    acts = one_after_the_other(acts, judged)
+    acts = one_after_the_other(sorted(acts, key=lambda act: act.conditional), judged)
     # Missing repeats are asked for last, unless scatter is the largest part of the error.
     asked = _measurements(diagnosis, judged, tests)
     asked.sort(key=lambda act: act.why == "revisit" and act.parts[:1] != (0,))
     first = [act for act in asked if _comes_first(act, acts, diagnosis, judged)]
-    acts = [*first, *acts, *(act for act in asked if act not in first)]
+    later = [act for act in asked if act not in first]
+    # A test that shows whether the correction holds elsewhere precedes the correction.
+    before_load = [act for act in later if act.why == "elsewhere" and not judged.is_validated]
+    loads = next((k for k, act in enumerate(acts) if act.kind == "load"), len(acts))
+    later = [act for act in later if act not in before_load]
+    acts = [*first, *acts[:loads], *before_load, *acts[loads:], *later]
+    # An action on a cause that is not certain does not precede the measurement that may confirm it.
+    acts.sort(key=lambda act: act.conditional)
     served = {k for act in acts for k in act.parts}
     acts += [
         Act("none", _reason(diagnosis, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um)
         for k, part in enumerate(diagnosis.budget)
         if part.share > LEAST_SHARE and k not in served
     ]
+    acts = _with_active_correction(acts) if diagnosis.driven_corrected else acts
     return (*before, *(acts or [Act("none", "sound")]))
+
+
+def _with_active_correction(acts: Sequence[Act]) -> list[Act]:
+    """Actions for a robot that drives corrected programs: nothing first, unless manual actions leave a smaller error
+    than the correction. The others would replace the correction, and come last.
+    """
+    loads = next((act for act in acts if act.kind == "load"), None)
+    if loads is None:
+        return list(acts)
+    active = ActiveCorrection("programs", loads.residual_um, loads.remains_u_um or 0.0)
+    to_do, instead = open_acts(acts, active, elsewhere=False)
+    replaced = [replace(act, against=(*act.against, Against("corrected"))) for act in instead]
+    if any(act.kind in CHANGES_ARM for act in to_do):
+        return [*to_do, *replaced]
+    corrected = replace(CORRECTED, parts=loads.parts, place=loads.place, remains_um=loads.remains_um)
+    return [replace(corrected, remains_u_um=loads.remains_u_um), *to_do, *replaced]
 
 
 def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
@@ -136,15 +163,18 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
     Usual effects are corrected first and repaired if this is not sufficient: the repair follows the correction.
     """
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
+    load_um = max((act.gain_um for act in acts if act.kind == "load"), default=math.inf)
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
     late.sort(key=lambda act: -act.gain_um)
     ordered: list[Act] = []
 
     def weight_um(act: Act) -> float:
         is_unknown = act.kind == "approach" and act.removes_um is None
-        return now_um - independent_um(now_um, act.residual_um) if is_unknown else act.gain_um
+        um = now_um - independent_um(now_um, act.residual_um) if is_unknown else act.gain_um
+        # A correction precedes manual actions of about the same gain, whatever the noise adds to either.
+        return min(um, load_um) if act.kind not in ("load", "approach") and um < load_um + LEAST_SHARE * now_um else um
 
-    by_weight = sorted(acts, key=weight_um, reverse=True)
+    by_weight = sorted(acts, key=lambda act: (-weight_um(act), act.kind != "load"))
     for act in [act for act in by_weight if act not in late]:
         ordered.append(act)
         served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
@@ -245,8 +275,9 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named) -> 
     part = diagnosis.budget[k]
     u_um, um = (part.u_um, part.um) if diagnosis.named_of(part) is named else (named.u_um, named.contribution_um)
     figures = judged.removed([named.effect], u_um / um if um > 0 else 1.0)
-    is_constant = named.is_confirmed or part.rank == "difference"
-    is_wrong = is_constant and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
+    is_constant = named.effect.compensation().use == "link constant"
+    is_shown = named.is_confirmed or part.rank == "difference"
+    is_wrong = is_constant and is_shown and (named.times_usual or 0.0) >= _WRONG
     rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
     if named.doubt is not None and named.doubt != "usual":
@@ -259,6 +290,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named) -> 
         effect=named.effect,
         u=named.sd.get(size_field(named.effect)),
         against=(*against, *_of_the_place(diagnosis, judged)),
+        conditional=not is_certain_cause(diagnosis, named),
     )
 
 
@@ -388,9 +420,11 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis, ju
     }.get(measurement.why)
     if differ_um is not None:
         return not any(act.gain_um > differ_um for act in proven)
+    share = sum(diagnosis.budget[k].share for k in measurement.parts)
+    is_small = bool(measurement.parts) and share <= LEAST_SHARE
     first: dict[Reason, bool] = {
         "revisit": not proven,
-        "few_runs": not proven,
+        "few_runs": not proven and not is_small,
         "unexplained": not proven and not loads,
         "follows": not proven and not loads,
         "elsewhere": is_open and loads,

@@ -6,9 +6,10 @@ Actions are sorted by their reduction at a place not used in the model.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, TypeVar
 
 from rigs.effects import Effect
 from rigs.schema.effect import label_of
@@ -31,15 +32,15 @@ reach.
 """
 IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded")
 """Doubts about an effect of the size of a fault that a different cause may imitate."""
-Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
+Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place", "corrected"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
-different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or the
-rig file has no further test.
+different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; the
+rig file has no further test; or the robot drives with a correction that the action would have to replace.
 """
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
-    "follows", "revisit", "visits_differ", "gauges_differ", "moved", "commanded", "contradicted",
+    "follows", "revisit", "visits_differ", "gauges_differ", "moved", "commanded", "contradicted", "corrected",
 ]  # fmt: skip
 """Reason for an action in the list: a fault; a usual error that is large and cannot be removed otherwise; such an
 error, if the interim correction is insufficient; the interim correction; rivals to separate; a group to identify; too
@@ -51,7 +52,7 @@ between or within the runs; angles that are only commanded; a stated constant th
 the readings contradict.
 
 Reason for no action: the error differs from run to run; the gain of a correction is too small; a target cannot contain
-an error that depends on the approach; the error belongs to the gauges; the arm is sound.
+an error that depends on the approach; the error belongs to the gauges; the arm is sound; the robot drives corrected.
 """
 
 
@@ -123,6 +124,8 @@ class Act:
     runs: int | None = None
     """Number of runs of each test, if more runs decide."""
     against: tuple[Against, ...] = ()
+    conditional: bool = False
+    """True if the cause that the action removes is not certain. The action applies only if this cause is confirmed."""
 
     @property
     def removes(self) -> bool:
@@ -158,12 +161,60 @@ def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> t
     return tuple(replace(act, command=command(act)) for act in acts)
 
 
-def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
-    """True if an action of this kind and reason has already been performed.
+@dataclass(frozen=True)
+class ActiveCorrection:
+    """Correction with which a robot drives, and its measured error in µm; None if not measured."""
 
-    way: active correction, `entries` or `programs`, None if inactive. Entered values include zeros, so re-mastering
-    would correct twice. elsewhere: a different place has validated the model.
+    way: Literal["entries", "programs"]
+    um: float | None = None
+    u_um: float = 0.0
+
+
+CORRECTED = Act("none", "corrected")
+"""First action if the robot drives with a correction that no other action improves."""
+
+
+class ListedAct(Protocol):
+    """An action of a diagnosis or of a session."""
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def why(self) -> str: ...
+    @property
+    def remains_um(self) -> float | None: ...
+    @property
+    def with_before_um(self) -> float | None: ...
+
+
+_Listed = TypeVar("_Listed", bound=ListedAct)
+
+
+def open_acts(
+    acts: Sequence[_Listed], active: ActiveCorrection | None, *, elsewhere: bool
+) -> tuple[tuple[_Listed, ...], tuple[_Listed, ...]]:
+    """Divide actions that are not done into those to do, and those that would only replace the active correction.
+
+    An action that changes the arm makes the active correction wrong. It is worthwhile only if all of them together
+    leave a smaller error than the corrected robot has. Entered values include zeros, so re-mastering would correct
+    twice. elsewhere: a different place has validated the model.
     """
-    if (kind, why) == ("measure", "elsewhere"):
-        return elsewhere
-    return way is not None and kind in ("load", "enter", "approach", *(("remaster",) if way == "entries" else ()))
+    left_um = [um for act in acts if act.kind in CHANGES_ARM for um in (act.remains_um, act.with_before_um) if um]
+    is_better = active is None or active.um is None or min(left_um, default=math.inf) + 2 * active.u_um < active.um
+    to_do, instead = list[_Listed](), list[_Listed]()
+    for act in acts:
+        if (act.kind, act.why) == ("measure", "elsewhere") and elsewhere:
+            continue
+        if active is None:
+            to_do.append(act)
+        elif act.kind in ("load", "enter", "approach") or (act.kind == "remaster" and active.way == "entries"):
+            continue
+        else:
+            is_instead = act.kind in CHANGES_ARM and act.remains_um is not None and not is_better
+            (instead if is_instead else to_do).append(act)
+    return tuple(to_do), tuple(instead)
+
+
+CHANGES_ARM = ("repair", "remaster", "enter", "check", "mount")
+"""Kinds of actions that change the arm, its mounting or the controller, and make a correction from earlier runs wrong.
+"""

@@ -132,7 +132,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     refined, posterior, measure = result.fit, result.posterior, GapMeasure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
     allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
-    changes = []
+    changes, deflection_um = list[EffectChange](), usual_deflection_um(result, measure)
     for k, effect in enumerate(refined.effects):
         parameters = [j for j, unknown in enumerate(refined.unknowns) if unknown.effect == k]
         departures = list(range(int(allowed[k]), int(allowed[k + 1])))
@@ -140,12 +140,32 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         columns, um = measure.of(T[:, parameters]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
         # as in an arm without a fault, in multiples of its healthy size
-        shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
+        shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload)}
         as_usual = scaled(healthy(effect), effect.usual_times(result.reference), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
+        if is_of_support(effect):
+            usual = max(usual, deflection_um)
         apart, times = runs_apart(result, k), um / usual if usual > _INVISIBLE_UM else None
         changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
     return changes
+
+
+def is_of_support(effect: Effect) -> bool:
+    """True for a softness outside the joints, which is compared with the softness of the whole arm: readings hardly
+    separate them, and a support that is stiffer than the joints needs no repair.
+    """
+    return effect.part == "gravity" and effect.DEED == "mount"
+
+
+def usual_deflection_um(result: SearchResult, measure: GapMeasure) -> float:
+    """RMS deflection of the joints of a healthy arm of this build under load, in these readings."""
+    joints = [form for form in result.columns.forms if form.effect.part == "gravity" and form.effect.STAGE == "joint"]
+    if not joints:
+        return 0.0
+    indices = np.array([column for form in joints for column in form.columns])
+    times = np.array([form.effect.usual_times(result.reference) for form in joints for _ in form.columns])
+    moved = measure.of(result.columns.X[:, indices])
+    return float(np.sqrt(np.sum(moved**2 @ (result.columns.healthy[indices] * times**2))))
 
 
 _Drawn = tuple[BudgetPart, Array]

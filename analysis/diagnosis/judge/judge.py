@@ -19,6 +19,7 @@ from analysis.diagnosis.fit.search import early_readings
 from analysis.diagnosis.judge.alternatives import hypotheses_of
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
 from analysis.diagnosis.judge.calibrated_model import calibrated_model
+from analysis.diagnosis.judge.certainty import fault_rivals
 from analysis.diagnosis.judge.dependence import (
     gauges_apart_um,
     held_out_residual,
@@ -28,7 +29,7 @@ from analysis.diagnosis.judge.dependence import (
 )
 from analysis.diagnosis.judge.doubts import doubts_of_limits, doubts_of_rig, doubts_of_runs
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named, fault_rivals
+from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named
 from analysis.diagnosis.judge.staircase import staircase_of
 from analysis.diagnosis.judge.validate import Validation, held_out_gains
 from analysis.diagnosis.judge.verdict import (
@@ -114,6 +115,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnos
             *doubts_of_rig(evidence.rig, validation.fitted),
         ),
         only_commanded=any(run.has_only_commanded_angles for run in evidence.used),
+        driven_corrected=all(run.run.manifest.corrected == "targets" for run in evidence.used),
     )  # fmt: skip
     return _with_model(diagnosis, evidence, fit, validation), bool(early)
 

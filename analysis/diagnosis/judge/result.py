@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
-from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS, SURE_SIGMA
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.fit.background import Work
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn, NamingTest
@@ -470,6 +470,8 @@ class Diagnosis(Tabular):
     """Movements between the runs or between rows of a run."""
     contradictions: tuple[Contradiction, ...] = ()
     """Stated constants that the readings contradict. The diagnosis does not use them."""
+    driven_corrected: bool = False
+    """True if the robot drove corrected programs. Its joint angles still show the error of the arm itself."""
     passport: Passport | None = None
     """Distances of the real arm from its data sheet, its controller and the last visit; None without a model."""
 
@@ -587,6 +589,7 @@ class Diagnosis(Tabular):
                 "staircase": self.staircase.to_dict([part.label for part in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "only_commanded": self.only_commanded,
+                "driven_corrected": self.driven_corrected,
                 "level": self.levels["others"],
                 "levels": self.levels,
                 "doubts": self.doubts,
@@ -594,33 +597,3 @@ class Diagnosis(Tabular):
             }
         )
         return plain
-
-
-def likely_rivals(named: Named) -> list[Rival]:
-    return [rival for rival in named.rivals if rival.probability * ODDS >= named.probability]
-
-
-def fault_rivals(named: Named) -> list[Rival]:
-    """The rivals of an effect of usual size that cannot be dismissed and would be faults."""
-    return [rival for rival in likely_rivals(named) if rival.is_fault and named.doubt == "usual"]
-
-
-def is_open(part: BudgetPart, named: Named) -> bool:
-    """Whether the cause of a large share of the error is undecided: the effect is no fault, or usual errors may have
-    the same result, and it is not certain.
-    """
-    return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.probability < CONFIRMED
-
-
-def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Whether the contribution of a part is certain, even if several similar effects may be the cause."""
-    named = diagnosis.named_of(part)
-    if named is None:
-        return part.sigma >= CERTAIN_SIGMA
-    # If usual errors may have the same result, the cause is undecided and the contribution certain.
-    return named.doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
-
-
-def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    named = diagnosis.named_of(part)
-    return (named is None or named.probability >= CONFIRMED) and is_certain_part(diagnosis, part)

@@ -27,21 +27,12 @@ from analysis.diagnosis.fit.selection_state import (
 )
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.alternatives import Alternative, Hypotheses
-from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
+from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, is_of_support, sizes_by_setup
+from analysis.diagnosis.judge.certainty import fault_rivals
 from analysis.diagnosis.judge.held_out import Widening
 from analysis.diagnosis.judge.probability import CONFIRMED, Probabilities, probabilities_of
 from analysis.diagnosis.judge.residuals import Residual, bands_above_noise, independent_um
-from analysis.diagnosis.judge.result import (
-    PRESENT,
-    Accuracy,
-    BudgetPart,
-    Condition,
-    Diagnosis,
-    Gap,
-    Named,
-    Rival,
-    fault_rivals,
-)
+from analysis.diagnosis.judge.result import PRESENT, Accuracy, BudgetPart, Condition, Diagnosis, Gap, Named, Rival
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowed_noise, by_test, result_of
@@ -271,6 +262,8 @@ def _judge_effect(
     rivals = [_rival(result, tried, of_rivals * share) for tried, share in hypotheses.rivals]
     rivals = [rival for rival in rivals if rival.probability > _NEGLIGIBLE]
     doubt = _doubt(result, effect, likely, rivals, sd[size])
+    if doubt is None and is_of_support(effect) and (change.times_usual or 0.0) < 1.0:
+        doubt = "usual"
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effect.compensation().use != "none"
     named = Named(

@@ -258,7 +258,7 @@ class ExpectedPosterior:
         if not shaped or not is_detectable(sd):
             return sd
         size = size or float(np.clip(CERTAIN_SIGMA * sd, self.least(effect), LARGEST_FAULT))
-        shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
+        shapes = {free.field: free.expected for free in effect.free(self.linear.payload)}
         fault = scaled(healthy(effect), size, **shapes)
         refined = refine(self.linear.simulated_with((fault,)), self._background_with_effects((fault,)), [fault])
         return refined.fitted_sd(0)[size_field(effect)] / healthy_size(effect)  # of detection, not of the form

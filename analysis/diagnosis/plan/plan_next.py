@@ -20,16 +20,9 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.act_list import CHECK_STATED, EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
 from analysis.diagnosis.judge.acts import Act, Cost, NamingTest
+from analysis.diagnosis.judge.certainty import fault_rivals, is_open, likely_rivals
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import (
-    LEAST_SHARE,
-    BudgetPart,
-    Diagnosis,
-    Named,
-    fault_rivals,
-    is_open,
-    likely_rivals,
-)
+from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, Named
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.verdict import ambiguous_names
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands

@@ -94,11 +94,24 @@ _ROUNDS, _NAMED = 3, 3
 _NOTHING_MM = 1e-3
 """Residual below which the labels are correct. Below a micrometre only the rounding of the numbers is compared."""
 RIGHT_MM = 10.0
-"""Largest residual of a correct meaning: an arm with nominal constants has errors of some mm."""
+"""Largest residual of a correct meaning over places within a metre: an arm with nominal constants has errors of some
+mm.
+"""
+_RIGHT_PER_MM = 0.01
+"""The same for places farther apart, in mm per mm: a zero that is wrong by 0.15° moves the tool of an arm with a reach
+of 3.7 m by 10 mm, and that of an arm of one metre by 2.6 mm.
+"""
 RIGHT_SHARE = 0.02
 """Largest residual of a correct meaning as a share of the spread of the positions. An arm of one metre leaves some
 thousandths; poses that hardly move always leave a few mm.
 """
+
+
+def right_mm(extent_mm: float) -> float:
+    """Largest residual of places of an extent with nominal constants of the right arm."""
+    return min(max(RIGHT_MM, _RIGHT_PER_MM * extent_mm), RIGHT_SHARE * extent_mm)
+
+
 UNRELATED_SHARE = 0.1
 """Smallest residual, as a share of the extent of the positions, of a table that belongs to a different arm. A zero
 wrong by 5° moves places by 0.09 of the lever, which is more than any arm in use.
@@ -184,11 +197,11 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
     if facts_of(table.test).of_tracker:
         places = table.readings[(table.readings != 0).any(axis=1)]
         extent_mm = float(np.sqrt(3)) * rms(places - places.mean(axis=0))  # of positions, not of coordinates
-        least_mm, words = min(RIGHT_MM, RIGHT_SHARE * extent_mm), "a different arm, or a zero or length far off"
+        least_mm, words = right_mm(extent_mm), "a different arm, or a zero or length far off"
         fact = (
             f"these poses do not fit the arm of the rig file: the error is {_length(left_mm)}, over a work area of "
-            f"{_length(extent_mm)}. Nominal constants of the right arm are accurate to {RIGHT_MM:g} mm and "
-            f"{100 * RIGHT_SHARE:g} %, {no_other}"
+            f"{_length(extent_mm)}. Nominal constants of the right arm are accurate to {_length(least_mm)} there, "
+            f"{no_other}"
         )
         remedy = f"{belongs}; otherwise a zero or a length is wrong"
     elif facts_of(table.test).of_places:
@@ -196,7 +209,8 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
         path = kind_of(table.test).off_path(table, rig, T)
         if path is None or path.on:
             return
-        extent_mm, least_mm = float(np.sqrt(3)) * rms(T[:, :3, 3]), RIGHT_MM
+        extent_mm = float(np.sqrt(3)) * rms(T[:, :3, 3])
+        least_mm = max(RIGHT_MM, _RIGHT_PER_MM * extent_mm)
         words = "a different arm, or rows of another socket"
         missed = f"these touches miss their sockets by {_length(left_mm)} with the arm of the rig file"
         fact, remedy = f"{missed}, {no_other}", f"{belongs}, and that each row names its socket"

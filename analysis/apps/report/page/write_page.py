@@ -42,7 +42,7 @@ from analysis.apps.report.run_answer import columns_of, doubt_lines, doubts_of, 
 from analysis.apps.report.run_charts import circle_charts, joint_chart, target_charts
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, capital, joined, texts_of
-from analysis.diagnosis.judge.acts import Act, is_done
+from analysis.diagnosis.judge.acts import CORRECTED, Act, ActiveCorrection, open_acts
 from analysis.diagnosis.judge.comparison import Compared, compare
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.results import Result, by_test
@@ -265,8 +265,10 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     corrected = after.verdict if after and after.verdict and after.verdict.judged else None
     days = sorted(result.measured.run.manifest.started[:10] for result in report.results)
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
-    acts = _open_acts(found, after) if found else []
-    parts = sections_of(found, texts, acts, corrected=bool(after and after.driven)) if found else {}
+    parts = {}
+    if found:
+        acts, instead = _divided_acts(found, after)
+        parts = sections_of(found, texts, acts, instead=instead, corrected=bool(after and after.driven))
     badge, (head, *tiles) = _summary(report, corrected or verdict, texts)
     standing = texts(f"standing_{(corrected or verdict).overall}")
     template = environment().get_template("report.html")
@@ -341,12 +343,15 @@ def _trace(report: Report, texts: Texts) -> list[Block]:
     ]
 
 
-def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
-    """Acts that the correction of the robot has not made unnecessary."""
-    way = after.way if after and after.driven else None
-    elsewhere = bool(way or (after and after.joined))
-    every = without_idle_mounts(diagnosis.acts)
-    return [act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)]
+def _divided_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> tuple[Sequence[Act], Sequence[Act]]:
+    """Acts to do, and acts that would only replace the correction with which the robot drives."""
+    acts = without_idle_mounts(diagnosis.acts)
+    if after is None or after.driven is None or after.way == "none":
+        return open_acts(acts, None, elsewhere=bool(after and after.joined))
+    corrected = after.driven[1]
+    to_do, instead = open_acts(acts, ActiveCorrection(after.way, corrected.um, corrected.u_um), elsewhere=True)
+    is_enough = after.verdict is None or after.verdict.overall != "fail"
+    return ([CORRECTED, *to_do] if is_enough else to_do), instead
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:

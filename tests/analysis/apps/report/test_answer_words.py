@@ -10,12 +10,21 @@ from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of
-from analysis.diagnosis.judge.acts import Act, Against, Cost, JudgedOn, NamingTest, Objection, is_done
+from analysis.diagnosis.judge.acts import (
+    Act,
+    ActiveCorrection,
+    Against,
+    Cost,
+    JudgedOn,
+    NamingTest,
+    Objection,
+    open_acts,
+)
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
 from tests.support.every import in_every_language
-from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis, judged
+from tests.support.handmade_diagnosis import LOAD, PLAY, REPAIR, SMALL, ZERO, diagnosis, judged
 
 CONDITIONS = get_args(Condition)
 NEED = {
@@ -131,11 +140,36 @@ def test_a_repair_after_a_correction_replaces_it():
     assert "act_load_changes" in keys_of(ActWords(diagnosis(acts=(load,))).next)
 
 
-def test_entered_zeros_need_no_mastering():
-    assert is_done("remaster", "fault", way="entries", elsewhere=True)
-    assert not is_done("remaster", "fault", way="programs", elsewhere=True)
-    assert not is_done("load", "correction", way=None, elsewhere=True)
-    assert [is_done("measure", "elsewhere", way=None, elsewhere=judged) for judged in (True, False)] == [True, False]
+_MASTER = Act("remaster", "fault", removes_um=48.0, remains_um=46.5, remains_u_um=1.0, effect=ZERO.effect)
+_ELSEWHERE = Act("measure", "elsewhere")
+
+
+@pytest.mark.parametrize(
+    ("way", "um", "to_do", "instead"),
+    [
+        (None, None, ["load", "remaster", "measure"], []),
+        ("programs", 2.9, ["measure"], ["remaster"]),  # the corrected robot had 2.9 µm, and mastering left 46.5 µm
+        ("programs", 46.0, ["measure"], ["remaster"]),
+        ("programs", 80.0, ["remaster", "measure"], []),
+        ("programs", None, ["remaster", "measure"], []),
+        ("entries", 80.0, ["measure"], []),  # entered values include the zero
+    ],
+)
+def test_corrected_robot_is_changed_only_if_less_error_remains(way, um, to_do, instead):
+    active = way and ActiveCorrection(way, um, 1.0)
+    acts = (LOAD, _MASTER, Act("measure", "group"))
+    divided = open_acts(acts, active, elsewhere=False)
+    assert [[act.kind for act in some] for some in divided] == [to_do, instead]
+
+
+def test_all_repairs_together_may_improve_a_corrected_robot():
+    second = replace(_MASTER, with_before_um=1.0)
+    to_do, instead = open_acts((_MASTER, second), ActiveCorrection("programs", 5.0, 0.1), elsewhere=False)
+    assert to_do == (_MASTER, second) and not instead
+
+
+def test_measurement_elsewhere_is_done_if_another_place_validated():
+    assert [open_acts((_ELSEWHERE,), None, elsewhere=done)[0] for done in (True, False)] == [(), (_ELSEWHERE,)]
 
 
 def test_a_measurement_without_a_declared_test_says_so_once():

@@ -19,8 +19,22 @@ from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember, Movement
 from analysis.movement.between import with_movements
+from rigs.effects import ThermalGrowth, TransmissionError
 from tests.support.every import in_every_language
-from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis, judged
+from tests.support.handmade_calibration import calibrated_model
+from tests.support.handmade_diagnosis import (
+    ACTS,
+    APART,
+    LOAD,
+    PLAY,
+    REMASTER,
+    REPAIR,
+    SMALL,
+    ZERO,
+    budget,
+    diagnosis,
+    judged,
+)
 
 EN = texts_of("en")
 CONDITIONS = get_args(Condition)
@@ -248,6 +262,58 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault():
     assert "also_a_fault" not in keys_of(summarise(replace(found, budget=swapped)).headline)
 
 
+def test_corrected_robot_needs_nothing_and_lists_the_other_way_with_its_error():
+    """A corrected robot with an error of 2.9 µm was to be re-mastered, which left 46.5 µm."""
+    master = SessionAct(kind="remaster", why="fault", words="w", corrected="c", step="B.", remains_um=46.5)
+    done = SessionAct(kind="load", why="correction", words="w", step="A.", remains_um=3.0)
+    answer = answered(summarise(diagnosis("named")), done, master)
+    before, after = (Deviation(um=um, largest_um=200, u_um=0.1, runs=2) for um in (93.0, 2.9))
+    correction = SessionCorrection(way="programs", sentence="s", before_um=93, expected_um=4)
+    for standing, key in (("pass", "act_none_corrected"), ("fail", "act_none_corrected_fail")):
+        verified = VerifiedError(same_before=before, same_after=after, standing=standing)
+        session = Session.model_construct(answer=answer, judged=None, verified=verified, correction=correction)
+        assert keys_of(session.summary.next) == (key,)
+        assert (session.to_do, session.instead) == ((), ("c",))
+
+
+@in_every_language
+def test_size_that_is_not_determined_is_not_stated(language):
+    """Order and amplitude of a wave trade over a small range, but its change of the readings is certain."""
+    texts = texts_of(language)
+    gear = TransmissionError(axis=1, order=1.5, amplitude_deg=0.05)
+    wave = replace(PLAY, effect=gear, sd={"amplitude_deg": 0.04}, contribution_um=68.0, u_um=2.0, doubt="unsure")
+    growth = replace(PLAY, effect=ThermalGrowth(ppm=100.0), sd={"ppm": 10.0}, contribution_um=2.0)
+    parts = [replace(part, share=share) for part, share in zip(budget((wave, growth)), (0.95, 0.006), strict=False)]
+    summary = summarise(diagnosis("named", effects=(growth, wave), budget=_numbered(parts, (1, 0))), texts)
+    assert keys_of(summary.badge) == ("badge_cause_found",)
+    keys = keys_of(summary.headline)
+    assert keys.index("smooth_error") < keys.index("size_fault") and "68.0 ± 2.0 µm" in summary.headline
+
+
+def _numbered(parts, indices):
+    return tuple(replace(part, index=index) for part, index in zip(parts, indices, strict=True))
+
+
+@pytest.mark.parametrize(("healthy", "badge"), [(0.75, "badge_cause_found"), (0.2, "badge_cause_open")])
+def test_certain_part_leads_although_its_name_is_open(healthy, badge):
+    """The headline was CAUSE NOT CERTAIN, probability 24 %, about a zero of 50 sigma with 80 % of the error."""
+    zero = replace(ZERO, rivals=(), probability=0.24, doubt="usual", alternatives={"healthy": healthy})
+    part = BudgetPart("effect", 95.0, 1.9, 0.8, axis=5, index=0, rank="usual", odds=0.24)
+    summary = summarise(diagnosis("nothing_unusual", effects=(zero,), budget=(part,)))
+    assert keys_of(summary.badge) == (badge,)
+    assert ("possible_member" in keys_of(summary.headline)) == (badge == "badge_cause_found")
+
+
+@pytest.mark.parametrize(("um", "badge"), [(1.0, "badge_cause_found"), (3.0, "badge_outside_library")])
+def test_cause_leads_if_it_explains_much_more_than_remains_unexplained(um, badge):
+    model = calibrated_model(judged=None)
+    residual = Residual(um, 0.06, is_material=True)
+    found = diagnosis("outside_library", effects=(PLAY,), residual=residual, calibrated=model, acts=(REPAIR,))
+    summary = summarise(found)
+    assert keys_of(summary.badge) == (badge,)
+    assert ("size_fault" in keys_of(summary.headline)) == (badge == "badge_cause_found")
+
+
 def test_a_movement_comes_first_in_badge_headline_and_next_step():
     sound = diagnosis("nothing_unusual", acts=())
     for found in (sound, diagnosis("named")):
@@ -329,9 +395,13 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     other = session.model_copy(update={"verified": both, "correction": correction}).sides[-1]
     assert (other.place, other.before, other.after) == ("elsewhere", before, None)
     corrected = shown_summary(verified_session)
-    assert corrected["command"] == "rig moved"
-    assert corrected["next"] == f"B. {EN('then_without_programs')}" and "; b." in corrected["headline"]
+    assert corrected["next"] == EN("act_none_corrected") and corrected["command"] == ""
+    assert f"; {EN('do_now_none')}." in corrected["headline"]
     assert corrected["error"]["size"] == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
+    fails = verified.model_copy(update={"standing": "fail"})
+    failing = shown_summary(verified_session.model_copy(update={"verified": fails}))
+    assert failing["command"] == "rig moved"
+    assert failing["next"] == f"B. {EN('then_without_programs')}" and "; b." in failing["headline"]
     assert shown_summary(session.model_copy(update={"answer": answer.model_copy(update={"summary": None})})) is None
 
 

@@ -15,8 +15,9 @@ from analysis.diagnosis.judge.act_list import (
     in_order,
 )
 from analysis.diagnosis.judge.acts import Act, Against, JudgedOn
+from analysis.diagnosis.judge.certainty import is_sure
 from analysis.diagnosis.judge.residuals import Residual
-from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, GroupMember, is_sure
+from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, GroupMember, Rival
 from analysis.diagnosis.judge.verdict import Gaps, shows_time
 from analysis.diagnosis.plan.plan_next import parts_to_identify
 from analysis.runs.tables import CircleTable
@@ -179,6 +180,7 @@ def _first_lap(way: Direction) -> CircleTable:
 
 
 _ZERO = JointOffset(axis=4, offset_deg=0.05)
+_LENGTH = LinkGeometry(axis=3, field="a", delta=6.0)
 _LOAD = Act("load", "correction", (0,), removes_um=90.0, removes_u_um=5.0)
 _REPAIR = Act("repair", "fault", (0,), removes_um=60.0, removes_u_um=3.0, effect=Backlash(axis=1, width_deg=0.02))
 _UNSURE = replace(_LOAD, removes_u_um=50.0)
@@ -241,7 +243,7 @@ _ONCE = {"repeated": False, "residual": Residual(0.0, unrepeated_um=15.0)}
         ("uncalibrated", _ONCE, "held_out", ["load", "measure revisit"]),
         ("undecided", {"runs_to_decide": 3}, "used", ["measure few_runs", "measure elsewhere", "load"]),
         ("undecided", {"runs_to_decide": 3, **_ONCE}, "unseen", ["load", "measure revisit", "measure few_runs"]),
-        ("outside_library", {"effects": (_SURE_ZERO,)}, "unseen", ["load", "remaster", "mount unexplained"]),
+        ("outside_library", {"effects": (_SURE_ZERO,)}, "unseen", ["load", "mount unexplained", "remaster"]),
         ("outside_library", {"calibrated": None, "effects": ()}, "unseen", ["mount unexplained"]),
         ("nothing_unusual", {"calibrated": None, **_ONCE}, "unseen", ["measure revisit"]),
         ("not_testable_here", {}, "used", ["measure not_visible"]),
@@ -267,6 +269,66 @@ def _place(place: JudgedOn, predicted_um: float | None = None) -> JudgedPlace:
             return Act("none", "sound", removes_um=um, removes_u_um=1.0, remains_um=100.0 - um, place=place)
 
     return Place(place, None, (), effects, None, predicted_um, is_validated=predicted_um is not None)
+
+
+@pytest.mark.parametrize("noise_um", [-1.0, 0.0, 1.0])
+def test_first_act_does_not_depend_on_the_noise(noise_um):
+    """Re-mastering or a correction came first by the seed, because both removed the error of one zero."""
+    master = Act("remaster", "fault", (0,), removes_um=380.0 + noise_um, effect=_ZERO)
+    load = Act("load", "correction", (0,), removes_um=380.0)
+    assert [act.kind for act in in_order([master, load], 384.0)] == ["load", "remaster"]
+    repair = replace(master, kind="repair", removes_um=380.0)
+    assert [act.kind for act in in_order([replace(load, removes_um=300.0), repair], 384.0)] == ["repair", "load"]
+
+
+@pytest.mark.parametrize(("effect", "kind"), [(Compliance(axis=2, deg_per_Nm=0.02), "enter"), (_LENGTH, "check")])
+def test_only_a_constant_of_the_rig_file_is_checked_there(effect, kind):
+    """A softness of 826 µm was to be sought in rig file, variant and mastering; the correction came second."""
+    named = replace(_SURE_ZERO, effect=effect, times_usual=60.0)
+    found = diagnosis("named", effects=(named,))
+    assert [act.kind for act in _repairs(found, _place("unseen"))] == [kind]
+
+
+@pytest.mark.parametrize(
+    ("changed", "condition", "conditional"),
+    [
+        ({}, "named", False),
+        ({"probability": 0.7}, "ambiguous", True),
+        ({"rivals": (Rival(_LENGTH, {}, 0.3),)}, "named", True),
+        ({}, "outside_library", True),
+    ],
+)
+def test_act_on_a_cause_that_is_not_certain_is_conditional_and_last(changed, condition, conditional):
+    """Step 3 below CAUSE UNKNOWN was to re-master axis 2 by -2.39 degrees."""
+    residual = Residual(3.0, 0.3, is_material=True)
+    found = diagnosis(condition, effects=(replace(_SURE_ZERO, **changed),), residual=residual, calibrated=None)
+    acts = [act for act in acts_of(found, _place("unseen")) if act.kind != "none"]
+    assert [act.conditional for act in acts if act.effect] == [conditional]
+    assert (acts[-1].effect is not None) or not conditional
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5])
+def test_repeats_for_a_small_part_do_not_come_first(share):
+    """The first act was to repeat each test five times, for 0.1 % of the error."""
+    part = BudgetPart("effect", 5.0, 3.0, share, index=0, rank="undecided")
+    found = replace(diagnosis("undecided", effects=(_SURE_ZERO,)), budget=(part,))
+    measurement = Act("measure", "few_runs", (0,), runs=5)
+    assert _comes_first(measurement, [_LOAD], found, _place("used")) == (share == 0.5)
+
+
+def test_test_elsewhere_precedes_the_correction():
+    found = diagnosis("named", effects=(_SURE_ZERO,), calibrated=calibrated_model(effects=(_ZERO,)))
+    acts = [f"{act.kind} {act.why}" for act in acts_of(found, _place("used"))]
+    assert acts.index("measure elsewhere") < acts.index("load correction")
+
+
+def test_runs_driven_corrected_need_nothing_unless_a_repair_leaves_less():
+    model = calibrated_model(effects=(_ZERO,))
+    found = diagnosis("named", effects=(_SURE_ZERO,), calibrated=model, driven_corrected=True)
+    acts = acts_of(found, _place("unseen"))  # the correction removes 90 of 100 µm, mastering 60
+    assert [(act.kind, act.why) for act in acts[:1]] == [("none", "corrected")]
+    assert [act.kind for act in acts if Against("corrected") in act.against] == ["remaster"]
+    assert not {act.kind for act in acts} & {"load", "enter", "approach"}
 
 
 def test_approach_follows_acts_with_a_larger_gain():

@@ -14,11 +14,11 @@ from rigs.calibration import (
 )
 from rigs.effects import VOCABULARY, Effect
 from rigs.load import contradictions, load
-from rigs.schema.effect import Scope, bounds, healthy, size_field
+from rigs.schema.effect import Payload, Scope, bounds, healthy, size_field
 from tests.support import command_line
 from tests.support.handmade_calibration import calibrated_model, written
 
-SCOPE = Scope(True, ("g1", "g2"), (0, -90, 0, -90, 90, -90), (1.0,) * 6, True, 4.0)
+SCOPE = Scope(True, ("g1", "g2"), (0, -90, 0, -90, 90, -90), (1.0,) * 6, True, Payload(4.0))
 RIG = load("paper-fanuc")[0]
 FORMS: list[Effect] = [
     form for cls in VOCABULARY.values() for forms in cls.forms(SCOPE) for form in forms if not hasattr(form, "rail")
@@ -28,7 +28,7 @@ FORMS: list[Effect] = [
 @st.composite
 def fitted(draw: st.DrawFn) -> Effect:
     form, values = healthy(draw(st.sampled_from(FORMS))), {}
-    shapes = [shape.field for shape in (*form.free(4.0), *form.STRETCHED)]
+    shapes = [shape.field for shape in (*form.free(Payload(4.0)), *form.STRETCHED)]
     for name in (size_field(form), *shapes):
         low, high = bounds(form, name)
         values[name] = low + draw(st.floats(0, 1)) * (high - low)
@@ -41,7 +41,7 @@ def model_of(effects: list[Effect], small: list[tuple[Effect, float]], log_sd: f
     parameters = [
         CovarianceParameter(term=k, field=name)
         for k, one in enumerate(effects)
-        for name in dict.fromkeys([size_field(one), *(s.field for s in (*one.free(4.0), *one.STRETCHED))])
+        for name in dict.fromkeys([size_field(one), *(s.field for s in (*one.free(Payload(4.0)), *one.STRETCHED))])
     ]
     parameters += [CovarianceParameter(term=len(effects) + k, field=TIMES) for k in range(len(small))]
     rng = np.random.default_rng(seed)
