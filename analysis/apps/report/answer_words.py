@@ -196,7 +196,7 @@ class AnswerWords:
 
     def short_name(self, part: BudgetPart) -> str:
         if named := self.diagnosis.named_of(part):
-            return self.noun(named.effect)
+            return self.noun_with_twins(named.effect, named.twins)
         if part.kind == "effect":
             return name_in_words(part.name)
         return self.texts(f"part_{part.kind}", joint=self.joint(part))

@@ -326,6 +326,7 @@ class _SummaryWords(ActWords):
     def unknowns(self, act: Act | None, first: str) -> list[str]:
         diagnosis, against = self.diagnosis, self.against(act) if act else ""
         is_open = diagnosis.condition in _UNDECIDED and not self.usual_or_faults
+        is_open &= self.standing != "no_certain_fault" or bool(self.unrepeated)
         key = "uncertain_load" if act and act.kind == "load" else "uncertain"
         sentences = [
             self._cause(self.leading()) if diagnosis.contradictions else "",

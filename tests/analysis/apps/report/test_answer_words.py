@@ -21,7 +21,7 @@ from analysis.diagnosis.judge.acts import (
     open_acts,
 )
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
-from rigs.effects import VOCABULARY
+from rigs.effects import VOCABULARY, Compliance, LinkGeometry
 from rigs.schema.effect import PartKind
 from tests.support.every import in_every_language
 from tests.support.handmade_diagnosis import LOAD, PLAY, REPAIR, SMALL, ZERO, diagnosis, judged
@@ -170,6 +170,23 @@ def test_all_repairs_together_may_improve_a_corrected_robot():
 
 def test_measurement_elsewhere_is_done_if_another_place_validated():
     assert [open_acts((_ELSEWHERE,), None, elsewhere=done)[0] for done in (True, False)] == [(), (_ELSEWHERE,)]
+
+
+@in_every_language
+def test_constants_of_parallel_axes_have_one_name(language):
+    words, texts = AnswerWords(diagnosis(), texts_of(language)), texts_of(language)
+    first, *others = (LinkGeometry(axis=axis, field="d", delta=1.0) for axis in (4, 2, 3))
+    assert texts("axes_numbered", axes="2, 3, 4") in words.noun_with_twins(first, others)
+    assert words.noun_with_twins(first, [ZERO.effect]) == texts("or").join(map(words.noun, (first, ZERO.effect)))
+    assert words.noun_with_twins(first, ()) == words.noun(first)
+
+
+@pytest.mark.parametrize(("stated_kg", "payload_kg", "is_stated"), [(0, 5.0, True), (0, 0.0, False), (4, 5.0, False)])
+def test_softness_that_depends_on_an_unstated_payload_states_it(stated_kg, payload_kg, is_stated):
+    soft = replace(PLAY, effect=Compliance(axis=2, deg_per_Nm=0.01, payload_kg=payload_kg), sd={})
+    found = diagnosis()
+    rig = found.rig.model_copy(update={"robot": found.rig.robot.model_copy(update={"payload_kg": stated_kg})})
+    assert ("5 kg" in AnswerWords(replace(found, rig=rig)).size_words(soft)) == is_stated
 
 
 def test_a_measurement_without_a_declared_test_says_so_once():

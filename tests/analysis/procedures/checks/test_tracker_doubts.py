@@ -2,8 +2,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from analysis import read_table
+from analysis.procedures.checks.columns import right_mm
 from analysis.runs.tables import PoseTable, columns_of
 from analysis.runs.written_files import write_csv
 from tests.analysis.procedures.checks.test_lost_poses import table
@@ -41,3 +43,9 @@ def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path):
 def test_readings_of_a_stand_are_averaged_with_a_doubt(tmp_path):
     run = read_table(written(read_thrice(table(20)), tmp_path / "poses.csv"), "ur10", "pose")
     assert len(run.table.q) == 20 and "20 stands" in run.doubts[-1]
+
+
+@pytest.mark.parametrize(("extent_mm", "expected_mm"), [(200, 4), (500, 10), (1000, 10), (2600, 26)])
+def test_largest_error_of_nominal_constants_follows_the_arm(extent_mm, expected_mm):
+    """A zero wrong by 0.15° moves the tool of an R-2000iC by 10 mm, which was the limit for arms of every reach."""
+    assert right_mm(extent_mm) == pytest.approx(expected_mm)
