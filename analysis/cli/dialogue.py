@@ -97,3 +97,8 @@ def at_terminal(say: Callable[[str], None], busy: Busy) -> Dialogue:
 def has_keyboard() -> bool:
     """True if standard input is a terminal; it may be a file or closed."""
     return sys.stdin is not None and sys.stdin.isatty()
+
+
+def has_person() -> bool:
+    """True if an operator can answer. Questions go to standard error: scripts read the run from standard output."""
+    return has_keyboard() and sys.stderr.isatty()

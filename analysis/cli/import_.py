@@ -12,7 +12,7 @@ import typer
 from analysis.api import save_run
 from analysis.cli.commands import app, command
 from analysis.cli.console import progress_of, say
-from analysis.cli.dialogue import Dialogue, has_keyboard
+from analysis.cli.dialogue import Dialogue, has_person
 from analysis.cli.options import Calibration, Operator, direction_option, operator_or_user, rig_option
 from analysis.cli.several import for_each, with_controller
 from analysis.intake.imports import (
@@ -38,11 +38,6 @@ from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
-
-
-def has_person() -> bool:
-    """True if an operator can answer. Questions go to standard error: scripts read the run from standard output."""
-    return has_keyboard() and sys.stderr.isatty()
 
 
 def mapped_run(

@@ -234,7 +234,7 @@ def corrected_angles(
     model = real_model(rig, used_effects(rig, supported))
     wanted = forward(arm_of(rig.robot), q) if wanted is None else wanted
     skipped = {target.place: target for target in unsolved}
-    beyond = _beyond_limits(model.arm, q)
+    beyond = beyond_limits(model.arm, q)
     if rig.robot.rail is not None:
         (low, high), mm = rig.robot.rail.limits_mm, rail_mm(arm_of(rig.robot), q)
         beyond += [
@@ -247,8 +247,8 @@ def corrected_angles(
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
     angles, reached = q.copy(), done.copy()
     angles[done], reached[done] = reached_angles(model, wanted[done], q[done])
-    skipped |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
-    skipped |= {target.place: target for target in _beyond_limits(model.arm, angles) if reached[target.place]}
+    skipped |= {k: singular(k) for k in np.flatnonzero(done & ~reached).tolist()}
+    skipped |= {target.place: target for target in beyond_limits(model.arm, angles) if reached[target.place]}
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
     angles[~done] = q[~done]
     return angles, done, [skipped[k] for k in sorted(skipped)]
@@ -337,7 +337,12 @@ def _turned(rig: Rig, supported: Sequence[Support], wanted: Array, at: Array) ->
     ]
 
 
-def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
+def singular(place: int) -> NotCorrected:
+    return NotCorrected(place, "singular", _SINGULAR)
+
+
+def beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
+    """Points with readings q (n, axes) rad beyond the limits of an arm."""
     joints = q[:, : arm.axes]
     outside = (joints < arm.limits[:, 0] - 1e-9) | (joints > arm.limits[:, 1] + 1e-9)
     beyond: dict[int, NotCorrected] = {}

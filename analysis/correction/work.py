@@ -90,6 +90,14 @@ def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     return tool_poses(real_model(rig, effects), q)[:, :3, 3]
 
 
+def largest_move_mm(rig: Rig, effects: Sequence[Effect]) -> float:
+    """Largest displacement of the tool over the work area by effects: the error of points that were taught before the
+    controller was changed by them."""
+    q = work_or_spread(rig, None)
+    moved_mm = tool_poses(model_of(rig, effects), q)[:, :3, 3] - tool_poses(model_of(rig, ()), q)[:, :3, 3]
+    return float(np.linalg.norm(moved_mm, axis=1).max())
+
+
 _ANCHORS = 200
 """Number of postures that determine base and tool of a model. Chosen."""
 

@@ -149,8 +149,13 @@ def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified
     from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER
 
     if gains := sum(one.corrected.verdict == "accept" and one.now.verdict != "accept" for one in judged):
-        option = "--program" if program.is_dir() or maker_of_file(program) else "--path"
-        line = f"rig correct {as_argument(rig_file)} {option} {as_argument(program)} -o corrected"
+        is_program = program.is_dir() or maker_of_file(program)
+        words = (
+            ("--program", f"{as_argument(program)} --points computed")
+            if is_program
+            else ("--path", as_argument(program))
+        )
+        line = f"rig correct {as_argument(rig_file)} {' '.join(words)} -o corrected"
         say(f"next: {line}  # then {counted(gains, 'more feature')} within tolerance", err=True)
     undecided = [(one, one.next) for one in judged if one.next and one.corrected.verdict == "undecided"]
     for one, proposed in undecided[:1]:

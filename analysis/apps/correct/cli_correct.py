@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -17,9 +18,10 @@ from rigs.schema.vocabulary import DrivenTest, MakerName, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from analysis.apps.correct.correct_rig import Corrections
+    from analysis.correction.point_origins import PointKind
     from rigs.errors import FileError
 
 _FoundRig = Annotated[
@@ -97,6 +99,26 @@ _Start = Annotated[
         "for a straight line before the first joint move; default: unknown.",
     ),
 ]
+_Points = Annotated[
+    Literal["computed", "taught"] | None,
+    typer.Option(
+        help="Origin of the points of --program, required: computed (CAD, offline programming, a vision system) or "
+        "taught (the arm was jogged until the tool was right); default: asked at a terminal.",
+    ),
+]
+_Since = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Change since the points were taught: corrections.yaml with the values entered at the controller since "
+        "or from now on, the rig file of a calibration from that time, or the JSON of rig moved; default: no change.",
+    ),
+]
+
+
+def _exceptions(kind: str, other: str) -> Any:
+    about = f"Names of {kind} points, separated by commas, with * and ? as wildcards, also FILE:NAME"
+    return typer.Option(f"--{kind}", metavar="NAMES", help=f"{about}, if the others are {other}; default: none.")
 
 
 @command(app, "rig correct found/cell.yaml -o corrections")
@@ -118,6 +140,10 @@ def correct(
     frames: _Frames = None,
     start: _Start = None,
     neutral: _Neutral = None,
+    points: _Points = None,
+    since: _Since = None,
+    computed_names: Annotated[list[str] | None, _exceptions("computed", "taught")] = None,
+    taught_names: Annotated[list[str] | None, _exceptions("taught", "computed")] = None,
     anyway: Anyway = False,
     whole: Annotated[
         bool, typer.Option("--all-or-nothing", help="Write only programs with all targets corrected.")
@@ -130,6 +156,7 @@ def correct(
     from analysis.apps.correct.correct_rig import correct_rig
     from analysis.apps.correct.corrected_program import Programs
     from analysis.apps.correct.stated_frames import frames_of, start_of
+    from analysis.apps.correct.stated_points import points_of
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
@@ -137,16 +164,25 @@ def correct(
     from rigs.errors import UseError
     from rigs.load import load, named_by
 
-    for option, given in {"--tool, --frame": tools or frames, "--neutral": neutral, "--start-joints": start}.items():
+    only_programs = {
+        "--tool, --frame": tools or frames, "--neutral": neutral, "--start-joints": start,
+        "--points": points, "--since": since, "--computed, --taught": computed_names or taught_names,
+    }  # fmt: skip
+    for option, given in only_programs.items():
         if given and not programs:
             raise UseError(option, "concerns programs only", "give --program as well", code="program.option")
     rig, _ = load(with_controller(rig_file, calibration))
-    require_usable_model(rig, rig_file, anyway=anyway)
-    refuse_constants_after_diagnosis(rig, calibration or rig_file)
+    if programs and points is None:
+        points, since = _asked_points(programs, since)
+    with named_by(rig_file, rig):
+        origins = points_of(rig, points, since, computed_names or (), taught_names or ()) if points else None
+    if path or origins is None or origins.uses_model:
+        require_usable_model(rig, rig_file, anyway=anyway)
+        refuse_constants_after_diagnosis(rig, calibration or rig_file)
     controller = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())
-        asked = Programs(programs or (), stated, whole, start_of(start), anyway)
+        asked = Programs(programs or (), stated, whole, start_of(start), anyway, origins)
         corrections = correct_rig(rig, path, controller, scale_of(scale), entered=entered, programs=asked)
         in_vain = {} if anyway else corrections.in_vain
         corrections = corrections.without(in_vain)
@@ -167,6 +203,20 @@ def correct(
     end_with_errors(_errors(rig_file, corrections, in_vain, for_maker=is_for_maker), ", all in corrections.yaml")
 
 
+def _asked_points(programs: Sequence[Path], since: Path | None) -> tuple[PointKind, Path | None]:
+    """Ask for the origin of the points at a terminal. Raises UseError without one."""
+    from analysis.apps.correct.point_question import ask_points, hints_in, refuse_unstated
+    from analysis.cli.console import progress_of
+    from analysis.cli.dialogue import Dialogue, has_person
+
+    hints = hints_in(programs)
+    if not has_person():
+        raise refuse_unstated(sys.argv[1:], hints)
+    dialogue = Dialogue(lambda line: say(line, err=True), progress_of, True, sys.stdin, sys.stderr)
+    kind, file = ask_points(dialogue, hints)
+    return kind, file or since
+
+
 def _say_next(
     rig_file: str, maker: MakerName | None, directory: Path, corrections: Corrections, *, settled: bool
 ) -> None:
@@ -180,7 +230,7 @@ def _say_next(
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
         say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
-        say("      or with --program FILE your own programs; never both", err=True)
+        say("      or with --program FILE --points computed your own programs; never both", err=True)
     if corrections.path:
         given = corrections.path[0].name
         table, test = directory / f"corrected-{given}", given.removesuffix("-path.csv")

@@ -17,12 +17,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.apps.makers import CHECK_LENGTH, Controller, maker_by
+from analysis.apps.report.texts import ENGLISH
 from analysis.correction.corrected_targets import CorrectedTargets
 from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
 from analysis.correction.support import Support
 from analysis.correction.work import (
     TaughtFrame,
     base_u_um,
+    largest_move_mm,
     left_out_mm,
     real_model,
     rest_effects,
@@ -257,6 +259,8 @@ class ControllerEntries:
     base_u_um: float
     """Contribution of the position of the arm on its base to the uncertainty."""
     steps: tuple[str, ...]
+    taught_off_mm: float = 0.0
+    """Largest error over the work area of points that were taught before the changes and not converted."""
 
     @property
     def carried_um(self) -> float:
@@ -303,7 +307,9 @@ def controller_entries(
     if after_um >= before_um:
         entries, effects, twins, after_um, readings_deg = [], (), (), before_um, np.zeros(6)
     lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
-    steps = (*controller.steps, *_coupled_step(entries, readings_deg), *lengths, controller.check) if entries else ()
+    taught_off_mm = largest_move_mm(at_controller(rig), effects) if effects else 0.0
+    by_hand = (*controller.steps, *_coupled_step(entries, readings_deg), *lengths, controller.check)
+    steps = (str(ENGLISH("entries_taught", mm=f"{taught_off_mm:.2g}")), *by_hand) if entries else ()
     return ControllerEntries(
         name,
         controller,
@@ -318,6 +324,7 @@ def controller_entries(
         (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, effects, spread))),
         base_u_um(in_base_mm, u_mm),
         steps,
+        taught_off_mm,
     )
 
 

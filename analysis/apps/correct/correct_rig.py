@@ -11,8 +11,9 @@ import numpy as np
 from analysis.apps.correct.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.apps.correct.corrected_constants import Correction, joint_zeros, link_constants
 from analysis.apps.correct.corrected_program import CorrectedProgram, Programs, correct_program
+from analysis.apps.correct.stated_points import computed_points
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.reading import programs_at, refuse_marked
+from analysis.apps.makers.reading import programs_at
 from analysis.apps.programs.target_path import TargetPath, read_path, refuse_corrected_path
 from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
@@ -56,8 +57,10 @@ class Corrections:
 
     @property
     def errors(self) -> dict[Path, WorkError | None]:
-        """Error at the covered targets of the path and of each written program; None if no target is covered."""
-        programs = {program.path: program.error for program in self.programs if program.names and not program.held}
+        """Error at the covered targets of the path and of each written program that a model corrects; None if no target
+        is covered."""
+        written = [program for program in self.programs if program.names and not program.held]
+        programs = {program.path: program.error for program in written if program.judged}
         return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
 
     @property
@@ -65,8 +68,15 @@ class Corrections:
         """Paths and programs without a certain gain, each with the reason."""
         nothing = "corrected targets do not reduce the error there"
         unknown = "the uncertainty of the targets is unknown"
-        judged = self.errors.items()
-        return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
+        certain = {program.path for program in self.programs if program.gains}
+        if self.path and (error := self.path[2].error) and error.gains:
+            certain.add(self.path[0])
+        return {path: nothing if error else unknown for path, error in self.errors.items() if path not in certain}
+
+    @property
+    def uses_model(self) -> bool:
+        """False if programs are only converted or left as they are, which the model of the arm does not affect."""
+        return bool(self.path or not self.programs or any(program.judged for program in self.programs))
 
     def without(self, dropped: Container[Path]) -> Corrections:
         path = None if self.path and self.path[0] in dropped else self.path
@@ -91,7 +101,9 @@ def correct_rig(
     Raises FileError for a rig without effects, and for a path or program that cannot be read or corrected. Raises
     UseError for options that exclude each other.
     """
-    if not model_of(rig).effects:
+    points = programs.points or computed_points(rig)
+    by_model = bool(path or not programs.paths or points.uses_model)
+    if by_model and not model_of(rig).effects:
         remedy = "diagnose or calibrate the arm, and give the written rig file"
         raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy, code="correct.no_effects")
     arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
@@ -109,19 +121,19 @@ def correct_rig(
         raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.unknown")
     supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
     entries, zeros, constants = None, list[Correction](), list[Correction]()
-    if rig.controller != "unknown":
+    if by_model and rig.controller != "unknown":
         zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
         if controller and not programs.paths:
             entries = controller_entries(rig, supported, controller, scale)
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     paths = [program for path in programs.paths for program in programs_at(path)]
-    for unread in () if programs.again else paths:
-        refuse_marked(unread)
     given, maker = programs, controller or rig.maker
+    for unread in () if programs.again else paths:
+        points.refuse_repeated(unread)
     done = tuple(
-        correct_program(rig, supported, program, given.frames, scale, whole=given.whole, start=given.start)
-        for program in paths
+        correct_program(points, program, given.frames, scale, whole=given.whole, start=given.start) for program in paths
     )
+    points.refuse_unmatched([point for program in done for point in program.points])
     if maker and (other := next((program for program in done if program.maker != maker), None)):
         of, robot = (maker_by(name).controller.maker for name in (other.maker, maker))
         whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"

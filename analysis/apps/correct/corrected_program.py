@@ -1,7 +1,8 @@
 """A user's program with corrected targets: all other bytes are unchanged, and uncorrected targets are listed.
 
-A joint target becomes the joint angles that put the real tool where the arm of the data sheet has it. A pose becomes
-the pose that the controller computes at the angles at which the real tool is right.
+A computed joint target becomes the joint angles that put the real tool where the arm of the data sheet has it. A pose
+becomes the pose that the controller computes at the angles at which the real tool is right. For a taught point, this is
+the place where it was taught.
 """
 
 from __future__ import annotations
@@ -16,21 +17,24 @@ from analysis.apps.correct.postures import agreeing
 from analysis.apps.correct.shared_corrections import SharedCorrection, shared_corrections
 from analysis.apps.correct.solved_program import SolvedProgram, solve_program
 from analysis.apps.correct.stated_frames import NO_FRAMES, Frames
+from analysis.apps.correct.stated_points import StatedPoints
 from analysis.apps.makers.numbers import frame_numbers, frame_of, joint_numbers, joints_of, replaced, written
 from analysis.apps.makers.points import is_moved
 from analysis.apps.makers.reading import as_bytes
 from analysis.apps.makers.target import AT_BEGIN, NamedFrame, Notice, Number, Parsed, Target, UncorrectedTarget
-from analysis.correction.corrected_targets import CorrectedTargets, NotCorrected, WorkError, corrected
+from analysis.correction.corrected_targets import NotCorrected, WorkError
+from analysis.correction.point_origins import NewPoints, PointOrigin, merged
 from analysis.correction.reasons import Reason
-from analysis.correction.support import Support
 from analysis.robot.kinematics.arm import Array, forward, pose_error
 from rigs.errors import FileError
-from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm; a larger error means that
 the arm must be mastered, or the rig file is wrong. A joint that turns by 10° is near a singularity."""
+
+_SAME_POSE = 1e-9
+"""Difference of two poses, in mm, below which the numbers stay: below the decimals of any language."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,26 @@ class Programs:
     """Joint angles (6,) rad of the arm when the programs start."""
     again: bool = False
     """Also correct programs that rig has already corrected."""
+    points: StatedPoints | None = None
+    """Origins of the points; None without programs."""
+
+
+@dataclass(frozen=True)
+class PointGroup:
+    """The points of a program with one origin, and the effect of their new numbers."""
+
+    origin: PointOrigin
+    names: tuple[str, ...]
+    """Of the points with new numbers, or that are right as they are."""
+    moved_mm: Array
+    """Change (n,) of the numbers, as the distance of the poses that they state."""
+    tool_mm: Array
+    """Displacement (n,) of the tool from its taught place, or of a computed point from its place without a
+    correction."""
+    u_mm: Array
+    """Standard uncertainty (n,) of the tool's place in the robot's base."""
+    error: WorkError | None
+    """Error of the tool with the old and the new numbers, None if it is exactly known."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +88,8 @@ class CorrectedProgram:
     """The same with frame and tool taught with the robot."""
     unknown: tuple[str, ...]
     """Reason why the uncertainty is NaN; empty if the runs cover the target."""
-    error: WorkError | None
-    """Error at the targets, None if no target was corrected."""
+    groups: tuple[PointGroup, ...]
+    """By origin; an origin without points is left out."""
     rounded_um: Array
     """Error (n,) by the decimals of the numbers."""
     left: tuple[UncorrectedTarget, ...]
@@ -90,48 +114,73 @@ class CorrectedProgram:
     """Joint angles (6,) rad at the start as stated by the user, if the posture of a target may depend on them."""
     neutral: tuple[str, ...] = ()
     """Routines that change nothing, as stated by the user."""
+    points: tuple[tuple[str, int, str], ...] = ()
+    """File, line and name of every point of the program."""
+
+    @property
+    def is_right(self) -> bool:
+        """True if every point is right as it is, so that nothing is written."""
+        return bool(self.groups) and all(group.origin.is_unchanged for group in self.groups)
+
+    @property
+    def judged(self) -> tuple[PointGroup, ...]:
+        """Groups whose correction depends on a model of the arm and must reduce the error."""
+        return tuple(group for group in self.groups if not group.origin.is_exact and group.names)
+
+    @property
+    def error(self) -> WorkError | None:
+        """Error at the corrected targets, None if none was corrected by a model."""
+        return next((group.error for group in self.judged if group.error), None)
+
+    @property
+    def gains(self) -> bool:
+        """True if new numbers are certainly better for the points of any origin."""
+        return any(group.error is not None and group.error.gains for group in self.judged) or any(
+            group.origin.is_exact and not group.origin.is_unchanged and group.names for group in self.groups
+        )
 
 
 def correct_program(
-    rig: Rig,
-    supported: Sequence[Support],
+    points: StatedPoints,
     path: Path,
-    frames: Frames,
-    scale: Sequence[float] | None,
+    frames: Frames = NO_FRAMES,
+    scale: Sequence[float] | None = None,
     *,
     whole: bool = False,
     start: tuple[float, ...] | None = None,
 ) -> CorrectedProgram:
-    """Correct all targets of a program for which this is certain.
+    """Write new numbers for all points of a program for which they are certain.
 
     whole: hold the program if any target of a move stays uncorrected. Raises FileError for an invalid program.
     """
-    program = solve_program(rig, path, frames, scale, start)
+    program = solve_program(points.then, path, frames, scale, start, points.is_taught)
     texts, parsed, targets = program.texts, program.parsed, program.targets
-    unsolved = [NotCorrected(k, why, "") for k, why in program.reasons.items()]
-    done = corrected(rig, supported, program.q, unsolved, program.wanted)
-    done = replace(done, T=forward(program.arm, done.q))
+    done = _renewed(program, points)
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - program.nominal[:, :3, 3], axis=1)
-    flags = _flags_after(program, done)
-    reasons = _refused(program, done, flags, moved_mm, rail=rig.robot.rail is not None)
-    shared = shared_corrections(program, done, reasons, rig, supported)
+    flags = _flags_after(program, points, done)
+    reasons = _refused(program, points, done, flags, moved_mm)
+    shared = shared_corrections(program, done, reasons, lambda k: _origin(program, points, k))
     reasons |= {k: why for k, (why, _) in shared.refused.items()}
-    kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
+    own = [k for k, target in enumerate(targets) if target.of is None and target.file < texts.own]
+    right = {k for k in own if _origin(program, points, k).is_unchanged}
+    kept = [k for k in own if k not in reasons and k not in right]
     new = _new_texts(program, done, flags, kept)
     after = _read_back(program, new)
     left = [
         UncorrectedTarget(target.file, target.line, target.name, why, shared.refused.get(k, ())[1:])
         for k, why in reasons.items()
-        if (target := targets[k]).of is None and target.file < texts.own
+        if (target := targets[k]).of is None and target.file < texts.own and k not in right
     ]
-    left = sorted([*parsed.left, *left], key=lambda target: (target.file, target.line))
+    unread = [one for one in parsed.left if not points.is_right(texts.names[one.file], one.line, one.name)]
+    left = sorted([*unread, *left], key=lambda target: (target.file, target.line))
     fact = (
-        "joint targets are taken as computed with the data sheet; targets that were taught with the robot or computed "
-        "with the controller's own constants should stay as they are"
+        "joint targets are taken as computed with the data sheet; targets that were computed with the controller's own "
+        "constants should stay as they are"
     )
     offline = [Notice(targets[k].file, targets[k].line, fact) for k in kept if k in program.offline]
     files = dict(zip(texts.names, map(as_bytes, new), strict=False))
     changed = frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text)
+    rounded_um = {k: _off_um(program, points, k, after.targets[k], done.T[k]) for k in kept}
     return CorrectedProgram(
         path=path,
         maker=program.maker.name,
@@ -142,10 +191,10 @@ def correct_program(
         u_mm=done.u_mm[kept],
         u_frame_mm=done.u_frame_mm[kept],
         unknown=tuple(done.unknown[k] for k in kept),
-        error=done.error,
-        rounded_um=np.array([_off_um(program, k, after.targets[k], done.T[k]) for k in kept]),
+        groups=_groups(program, points, done, moved_mm, rounded_um, right),
+        rounded_um=np.array([*rounded_um.values()]),
         left=tuple(left),
-        beside_left_mm=moved_mm[_beside_left(parsed, set(kept))],
+        beside_left_mm=moved_mm[_beside_left(parsed, set(kept), right)],
         sources=texts.names,
         overruled=tuple(
             named
@@ -161,7 +210,47 @@ def correct_program(
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
         neutral=texts.neutral,
+        points=(
+            *((texts.names[targets[k].file], targets[k].line, targets[k].name) for k in own),
+            *((texts.names[one.file], one.line, one.name) for one in parsed.left),
+        ),
     )
+
+
+def _origin(program: SolvedProgram, points: StatedPoints, k: int) -> PointOrigin:
+    return points.of_kind("taught" if program.taught[k] else "computed")
+
+
+def _renewed(program: SolvedProgram, points: StatedPoints) -> NewPoints:
+    """New numbers of all targets, each by its origin."""
+    parts = []
+    for kind, mask in program.kinds:
+        if mask.any():
+            reasons = program.reasons | dict.fromkeys(np.flatnonzero(~mask).tolist(), "unused")
+            unsolved = [NotCorrected(k, why, "") for k, why in reasons.items()]
+            parts.append((mask, points.of_kind(kind).renew(program.q, program.wanted, unsolved)))
+    return merged(parts) if parts else points.origin.renew(program.q, program.wanted)
+
+
+def _groups(
+    program: SolvedProgram,
+    points: StatedPoints,
+    done: NewPoints,
+    moved_mm: Array,
+    rounded_um: Mapping[int, float],
+    right: set[int],
+) -> tuple[PointGroup, ...]:
+    groups = []
+    for kind, mask in program.kinds:
+        origin = points.of_kind(kind)
+        rows = [k for k in np.flatnonzero(mask).tolist() if k in (right if origin.is_unchanged else rounded_um)]
+        rounded_mm = np.array([rounded_um.get(k, 0.0) / 1e3 for k in rows])
+        moved = np.zeros(len(rows)) if origin.is_unchanged else moved_mm[rows]
+        tool_mm = moved if kind == "computed" else rounded_mm
+        names = tuple(program.targets[k].name for k in rows)
+        if rows:
+            groups.append(PointGroup(origin, names, moved, tool_mm, done.u_mm[rows], done.errors.get(kind)))
+    return tuple(groups)
 
 
 def _needs_start(parsed: Parsed) -> bool:
@@ -170,52 +259,53 @@ def _needs_start(parsed: Parsed) -> bool:
     return any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in first)
 
 
-def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
-    """The corrected target of each move whose other target is unchanged."""
+def _beside_left(parsed: Parsed, kept: set[int], right: set[int]) -> list[int]:
+    """The corrected target of each move whose other target is neither corrected nor right as it is."""
     base = [k if target.of is None else target.of for k, target in enumerate(parsed.targets)]
     ends_kept = [base[k] for k in parsed.next_to_left if base[k] in kept]
     for step in parsed.steps:
         for source in step.comes_from:
             ends = [] if source in (None, AT_BEGIN) else [base[step.target], base[source]]
             corrected_ends = [k for k in ends if k in kept]
-            ends_kept += corrected_ends if len(corrected_ends) == 1 else []
+            ends_kept += corrected_ends if len(corrected_ends) == 1 and not right & {*ends} else []
     return ends_kept
 
 
 def _refused(
     program: SolvedProgram,
-    done: CorrectedTargets,
+    points: StatedPoints,
+    done: NewPoints,
     flags: Mapping[int, tuple[int, ...] | None],
     moved_mm: Array,
-    *,
-    rail: bool,
 ) -> dict[int, Reason]:
     """Reasons for targets that stay uncorrected, also because of their flags or an implausible correction."""
     reasons = program.reasons | {target.place: target.reason for target in done.left}
     reasons |= {k: "changes_flags" for k, values in flags.items() if values is None}
-    places = np.flatnonzero(done.done)
+    places = np.array(
+        [k for k in np.flatnonzero(done.done) if not _origin(program, points, int(k)).is_exact], dtype=int
+    )
     turned = pose_error(done.T[places], forward(program.arm, program.q[places]))[:, 3:]
     turned_deg = np.degrees(np.linalg.norm(turned, axis=1))
     joint_deg = np.degrees(np.abs(done.q[places] - program.q[places])).max(axis=1, initial=0.0)
     large = (moved_mm[places] > MOST_MM) | (turned_deg > _MOST_DEG) | (joint_deg > _MOST_JOINT_DEG)
     reasons |= dict.fromkeys(places[large].tolist(), "too_large")
-    if rail:  # It carries the arm to another place of a pose.
+    if points.then.robot.rail is not None:  # It carries the arm to another place of a pose.
         poses = ((k, target) for k, target in enumerate(program.targets) if not target.joints)
         moved = (k for k, target in poses if any(is_moved(coordinate) for _, coordinate in target.external))
         reasons |= dict.fromkeys(moved, "external_axes")
     return reasons
 
 
-def _flags_after(program: SolvedProgram, done: CorrectedTargets) -> dict[int, tuple[int, ...] | None]:
+def _flags_after(program: SolvedProgram, points: StatedPoints, done: NewPoints) -> dict[int, tuple[int, ...] | None]:
     """New values of flags that do not agree with the corrected angles, None if rig cannot write them.
 
     After a change of quadrant or sign, old flags would lead to the angle a full turn away. A move with an offset uses
     the flags of its point.
     """
-    arm, changed = program.arm, dict[int, tuple[int, ...] | None]()
+    changed = dict[int, tuple[int, ...] | None]()
     for k in np.flatnonzero(done.done).tolist():
         target, old, new = program.targets[k], program.q[k], done.q[k]
-        flags = target.flags
+        flags, arm = target.flags, _origin(program, points, k).arm
         if flags is None or np.array_equal(new, old):
             continue
         of_point = None if target.of is None else changed.get(target.of)
@@ -223,7 +313,7 @@ def _flags_after(program: SolvedProgram, done: CorrectedTargets) -> dict[int, tu
             flags = replace(flags, values=of_point)
         # Tolerance of the flags: the rounding in the program, or zero if the old angles agreed exactly.
         steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
-        slack = next((float(step) for step in steps if agreeing(arm, old[None], flags, float(step))[0]), 0.0)
+        slack = next((float(step) for step in steps if agreeing(program.arm, old[None], flags, float(step))[0]), 0.0)
         if agreeing(arm, new[None], flags, 0.0 if of_point else slack)[0]:
             continue
         changed[k] = None
@@ -237,7 +327,7 @@ def _flags_after(program: SolvedProgram, done: CorrectedTargets) -> dict[int, tu
 
 def _new_texts(
     program: SolvedProgram,
-    done: CorrectedTargets,
+    done: NewPoints,
     flags: Mapping[int, tuple[int, ...] | None],
     kept: Sequence[int],
 ) -> tuple[str, ...]:
@@ -246,7 +336,8 @@ def _new_texts(
     changes: list[list[tuple[Number, str]]] = [[] for _ in own]
     for k in kept:
         target = program.targets[k]
-        if np.array_equal(done.q[k], program.q[k]):
+        is_same_pose = target.joints or np.allclose(done.T[k], program.nominal[k], rtol=0.0, atol=_SAME_POSE)
+        if np.array_equal(done.q[k], program.q[k]) and is_same_pose:
             continue
         changes[target.file] += _new_numbers(program, k, done)
         if target.flags and (values := flags.get(k)):
@@ -255,7 +346,7 @@ def _new_texts(
     return tuple(map(replaced, own, changes))
 
 
-def _new_numbers(program: SolvedProgram, k: int, done: CorrectedTargets) -> list[tuple[Number, str]]:
+def _new_numbers(program: SolvedProgram, k: int, done: NewPoints) -> list[tuple[Number, str]]:
     target, form = program.targets[k], program.maker.reader.decimals
     if target.joints:
         values, decimals = joint_numbers(target.form, done.q[k], program.scale), [form.turn] * 6
@@ -285,10 +376,10 @@ def _read_back(program: SolvedProgram, new: tuple[str, ...]) -> Parsed:
     return after
 
 
-def _off_um(program: SolvedProgram, k: int, target: Target, meant: Array) -> float:
+def _off_um(program: SolvedProgram, points: StatedPoints, k: int, target: Target, meant: Array) -> float:
     """Distance in µm between the tool position written for target k and the intended pose `meant` (4, 4)."""
     if target.joints:
-        T = forward(program.arm, joints_of(target, program.scale)[None])[0]
+        T = forward(_origin(program, points, k).arm, joints_of(target, program.scale)[None])[0]
     else:
         T = program.located[k].in_world(frame_of(target.form, [number.value for number in target.numbers]))
     return float(np.linalg.norm(T[:3, 3] - meant[:3, 3])) * 1e3

@@ -16,8 +16,9 @@ from analysis.apps.correct import program_report
 from analysis.apps.correct.controller_entries import ControllerChange, ControllerEntries
 from analysis.apps.correct.correct_rig import Corrections
 from analysis.apps.correct.corrected_constants import CONSTANTS, corrected_table
+from analysis.apps.correct.corrected_program import CorrectedProgram
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.reading import mark_of, with_remark
+from analysis.apps.makers.reading import converted_mark_of, mark_of, with_remark
 from analysis.apps.programs.target_path import corrected_columns
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.blocks import as_object as blocks_object
@@ -43,7 +44,8 @@ _WAYS = {
     "link_constants": "enter these values into the controller if possible; dh.csv is the complete table.",
     "controller": "changes of the controller's own parameters that cover most of the model.",
     "path": "the corrected targets cover the whole model, for a controller with unchanged zeros and constants.",
-    "programs": "they contain the complete model, but none has run on a real controller: try each at reduced speed.",
+    "programs": "their points have new numbers by their origin, but none has run on a real controller: try each at "
+    "reduced speed.",
 }
 _NOTHING = (
     "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
@@ -54,6 +56,9 @@ _ONE = "Use only one: zeros and constants, or the parameters of the controller, 
 def answer_of(corrections: Corrections) -> list[Block]:
     """The advice, the effects with their use, the values to change, and the benefit."""
     rig, blocks = corrections.rig, list[Block]()
+    if not corrections.uses_model:
+        blocks.append(Sentence(_first(corrections), "strong"))
+        return [*blocks, *(block for program in corrections.programs for block in program_report.blocks(program))]
     if why := why_nothing(rig):
         blocks.append(Sentence(ENGLISH("correct_advised_against", why=why), "fail"))
     wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
@@ -96,6 +101,8 @@ def _changes(corrections: Corrections) -> Iterator[str]:
 def _first(corrections: Corrections) -> str:
     work, of_work = corrections.work, ENGLISH.not_known(corrections.work.unknown)
     programs, path = corrections.programs, corrections.path
+    if not corrections.uses_model and (sentence := _without_model(corrections)):
+        return sentence
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
         key = "correct_nothing_reasons" if corrections.effects else "correct_nothing"
         return joined([ENGLISH(key, um=f"{work.before_um:.0f}"), of_work])
@@ -115,6 +122,16 @@ def _first(corrections: Corrections) -> str:
     return joined([*sentences, _never_both(corrections) if gains else ""])
 
 
+def _without_model(corrections: Corrections) -> str:
+    """The answer for programs that are right as they are or were converted; empty if no point could be converted."""
+    right = [program.path.name for program in corrections.programs if program.is_right]
+    converted = [program for program in corrections.programs if program.names and not program.held]
+    sources = {group.origin.since for program in converted for group in program.groups if group.origin.since}
+    names = ", ".join(program.path.name for program in converted)
+    sentences = [ENGLISH("correct_converted", names=names, since=", ".join(sorted(sources)))] if converted else []
+    return joined([*sentences, ENGLISH("correct_right", names=", ".join(right)) if right else ""])
+
+
 def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
     """The error after a way of correction, over the work area or at the targets of a file."""
     is_falling = error.before_um - error.after_um >= GAIN_UM
@@ -130,6 +147,8 @@ def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
 
 def why_not(corrections: Corrections) -> str:
     """Reason for correcting nothing; empty if there are corrections."""
+    if not corrections.uses_model:
+        return ""
     if why := why_nothing(corrections.rig):
         return why
     if corrections.errors:
@@ -268,16 +287,22 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
         given_path, path, targets = corrections.path
         columns = corrected_columns(path, targets, ANYWAY if given_path in against else "")
         files[f"corrected-{given_path.name}"] = partial(write_csv, columns)
-    for program in (program for program in corrections.programs if not program.held):
+    for program in (program for program in corrections.programs if not (program.held or program.is_right)):
         for name, data in program.files.items():
             if name in files:
                 remedy = "put corrected programs of the same name into different directories"
                 raise FileError(name, "would be written twice", remedy, code="program.twice")
-            remarks = [mark_of(date.isoformat())] if name in program.changed else []
+            remarks = _marks(program, date.isoformat()) if name in program.changed else []
             remarks += [ANYWAY] if program.path in against else []
             form = maker_by(program.maker).reader.remark
             files[name] = holding(reduce(partial(with_remark, form, name), remarks, data))
     return write_all_new(directory, files)
+
+
+def _marks(program: CorrectedProgram, date: str) -> list[str]:
+    """Remarks for a changed file, by the origins of its program's points."""
+    origins = [group.origin for group in program.groups if not group.origin.is_unchanged]
+    return [converted_mark_of(date, origin.digest) if origin.digest else mark_of(date) for origin in origins]
 
 
 _REPORTED_UM = 1.0
@@ -362,6 +387,7 @@ def controller_object(entries: ControllerEntries) -> dict[str, Any]:
         "readings_deg": list(map(short, entries.readings_deg)),
         "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
         **{name: round(getattr(entries, field), 3) for name, field in _ERRORS.items()},
+        "taught_points_off_mm": round(entries.taught_off_mm, 3),
         "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
         "known_only_together": entries.twins,
         "steps": entries.steps,

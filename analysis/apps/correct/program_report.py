@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.correct.corrected_program import MOST_MM, CorrectedProgram
+from analysis.apps.correct.corrected_program import MOST_MM, CorrectedProgram, PointGroup
 from analysis.apps.correct.shared_corrections import REMAINING_SHARE, SharedCorrection
 from analysis.apps.report.blocks import Block, Heading, Sentence, paragraphs
 from analysis.apps.report.texts import ENGLISH, joined
 from analysis.correction.corrected_targets import WorkError
+from analysis.correction.point_origins import ChangedArm, ConvertedPoints, PointOrigin
 from analysis.correction.reasons import WHY, Reason
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
@@ -57,13 +58,14 @@ def _remarks(program: CorrectedProgram) -> Iterator[str]:
         yield joined([partly, "" if program.held else ENGLISH("program_all_or_nothing")], "; ")
     for stated in program.overruled[:_LISTED]:
         yield ENGLISH("program_overruled", place=_place(program, stated.file, stated.line), stated=stated)
+    yield from _origins(program)
     yield from (f"{_place(program, notice.file, notice.line)}: {notice.text}" for notice in program.notices[:_LISTED])
     if program.neutral:
         yield ENGLISH("program_neutral", names=", ".join(program.neutral))
     if program.start:
         angles = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         yield ENGLISH("program_start", angles=angles)
-    if program.names:
+    if program.judged:
         accuracy = reached(program.u_frame_mm, program.u_mm)
         yield ENGLISH("program_moved", largest=f"{moved.max():.3f}", rms=f"{rms(moved):.3f}", accuracy=accuracy)
     if len(given_away := program.given_away_mm[np.isfinite(program.given_away_mm)]):
@@ -79,6 +81,38 @@ def _remarks(program: CorrectedProgram) -> Iterator[str]:
         reasons = zip(program.places, program.unknown, strict=True)
         where = [*dict.fromkeys(f"{_place(program, *place)}: {why}" for place, why in reasons if why)]
         yield ENGLISH("program_outside", targets=counted(outside, "target"), places=first_of(where, _LISTED, "; "))
+
+
+def _origins(program: CorrectedProgram) -> Iterator[str]:
+    """For each origin: the number of points, the changes since they were taught, and the effect of the new numbers."""
+    for group in program.groups:
+        origin, points = group.origin, counted(len(group.names), "point")
+        yield ENGLISH(
+            f"points_{_key(origin)}", points=points, since=origin.since, moved=f"{group.moved_mm.max(initial=0.0):.3f}",
+            tool=f"{_within_mm(group):.3f}", u=_u_words(group),
+        )  # fmt: skip
+        if isinstance(origin, ConvertedPoints):
+            yield ENGLISH("points_changes", changes=first_of(origin.change.lines, _LISTED, "; "))
+            yield ENGLISH("points_frames")
+
+
+def _key(origin: PointOrigin) -> str:
+    if origin.is_unchanged:
+        return f"unchanged_{origin.kind}"
+    if isinstance(origin, ChangedArm):
+        return "another" if origin.is_another_arm else "changed"
+    return "converted" if origin.is_exact else "computed"
+
+
+def _within_mm(group: PointGroup) -> float:
+    """Largest distance of the tool from its taught places, rounded up to a micrometre."""
+    return float(np.ceil(1e3 * np.hypot(group.tool_mm, group.u_mm)).max(initial=1.0)) / 1e3
+
+
+def _u_words(group: PointGroup) -> str:
+    if np.isnan(group.u_mm).all():
+        return ENGLISH("points_u_unknown")
+    return ENGLISH("points_u", u=f"{np.nanmax(group.u_mm):.3f}")
 
 
 def _left(program: CorrectedProgram) -> Iterator[Block]:
@@ -153,6 +187,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "named": sorted(f"--{kind} {name}" for kind, name in program.named),
         "outside_driven_ranges": sum(map(bool, program.unknown)),
         "error": program.error and error_object(program.error),
+        "points": [_group_object(group) for group in program.groups],
         "targets": [
             {"name": name, "file": program.sources[file], "line": line}
             | {key: round(float(getattr(program, key)[k]), digits) for key, digits in _DIGITS.items()}
@@ -174,6 +209,25 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         ],
         "left_count": len(program.left),
     }  # fmt: skip
+
+
+def _group_object(group: PointGroup) -> dict[str, Any]:
+    origin = group.origin
+    return {
+        "origin": origin.kind,
+        "since": origin.since or None,
+        "treatment": {"unchanged_taught": "unchanged", "unchanged_computed": "unchanged"}.get(
+            key := _key(origin), "difference" if key in ("changed", "another") else key
+        ),
+        "count": len(group.names),
+        "numbers_moved_mm": {
+            "largest": round(group.moved_mm.max(initial=0.0), 6),
+            "rms": round(rms(group.moved_mm), 6) if len(group.moved_mm) else 0.0,
+        },
+        "tool_moved_mm": round(group.tool_mm.max(initial=0.0), 6),
+        "u_mm": None if np.isnan(group.u_mm).all() else round(float(np.nanmax(group.u_mm)), 6),
+        "error": group.error and error_object(group.error),
+    }
 
 
 _DIGITS = {"moved_mm": 6, "u_mm": 6, "u_frame_mm": 6, "rounded_um": 3, "given_away_mm": 6}

@@ -7,7 +7,7 @@ orientation come first; the remaining error of the others is computed here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -17,11 +17,9 @@ from analysis.apps.correct.postures import arc_to_via
 from analysis.apps.correct.solved_program import SolvedProgram, with_offset
 from analysis.apps.makers.program_machine import Unknown
 from analysis.apps.makers.target import AT_BEGIN, Arc
-from analysis.correction.corrected_targets import CorrectedTargets, corrected_angles
+from analysis.correction.point_origins import NewPoints, PointOrigin
 from analysis.correction.reasons import Reason
-from analysis.correction.support import Support
 from analysis.robot.kinematics.arm import Array, forward
-from rigs.rig import Rig
 
 REMAINING_SHARE = 0.1
 """Remaining share of the error above which a position is listed. Chosen: a tenth is small compared with the
@@ -49,7 +47,7 @@ class SharedCorrections:
     """Positions that share the corrections of a program, apart from targets with reasons to stay uncorrected."""
 
     program: SolvedProgram
-    done: CorrectedTargets
+    done: NewPoints
     reasons: Mapping[int, Reason]
     kept_mm: Array
     """Largest remaining error (n,) of the moves to each target with an offset, NaN without such moves."""
@@ -88,18 +86,17 @@ class SharedCorrections:
 
 def shared_corrections(
     program: SolvedProgram,
-    done: CorrectedTargets,
+    done: NewPoints,
     reasons: Mapping[int, Reason],
-    rig: Rig,
-    supported: Sequence[Support],
+    origin_of: Callable[[int], PointOrigin],
 ) -> SharedCorrections:
     shared = SharedCorrections(program, done, reasons, np.full(len(program.targets), np.nan))
     _add_offsets(shared)
-    if passed := list(_passed(program, reasons)):
-        at = np.array([angles for _, angles in passed])
-        angles, is_solved, _ = corrected_angles(rig, supported, at, wanted=forward(program.arm, at))
-        for (via, _), wanted, solved in zip(passed, forward(program.arm, angles), is_solved, strict=True):
-            shared.add(via, via, "via", done.T[via], wanted, None if solved else "singular")
+    passed = [(via, angles) for via, angles in _passed(program, reasons) if not origin_of(via).is_unchanged]
+    for via, at in passed:
+        origin = origin_of(via)
+        angles, solved = origin.readings(at[None])
+        shared.add(via, via, "via", done.T[via], forward(origin.arm, angles)[0], None if solved[0] else "singular")
     return shared
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,8 +14,9 @@ from analysis.apps.makers import Maker
 from analysis.apps.makers.numbers import frame_of, is_frame, joints_of
 from analysis.apps.makers.reading import read_program
 from analysis.apps.makers.target import Parsed, ProgramTexts, Target
+from analysis.correction.point_origins import PointKind
 from analysis.correction.reasons import Reason
-from analysis.robot.kinematics.arm import Arm, Array, arm_of, controller_arm, forward
+from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, controller_arm, forward
 from rigs.arms import load_arm
 from rigs.errors import UseError
 from rigs.rig import Rig
@@ -70,6 +71,13 @@ class SolvedProgram:
     """Joint targets for which these two differ."""
     reasons: dict[int, Reason]
     """Of targets that stay uncorrected."""
+    taught: Mask
+    """Mask (n,) of points that were taught; the numbers of the others were computed."""
+
+    @property
+    def kinds(self) -> tuple[tuple[PointKind, Mask], ...]:
+        """Masks (n,) of the taught and of the computed points."""
+        return ("taught", self.taught), ("computed", ~self.taught)
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -86,11 +94,12 @@ def solve_program(
     frames: Frames = NO_FRAMES,
     scale: Sequence[float] | None = None,
     start: tuple[float, ...] | None = None,
+    is_taught: Callable[[str, int, str], bool] = lambda file, line, name: False,
 ) -> SolvedProgram:
     """Read a program, and determine the postures of its targets.
 
-    start (6,): joint angles in rad at the start. Raises FileError for an invalid program, and UseError for an
-    unreachable start.
+    start (6,): joint angles in rad at the start. is_taught: True for a point (file, line, name) that was taught.
+    Raises FileError for an invalid program, and UseError for an unreachable start.
     """
     maker, texts = read_program(path, frames.neutral)
     texts = replace(texts, machine_unit=rig.length_unit or "mm")
@@ -101,12 +110,14 @@ def solve_program(
     located = [_located(arm, maker, frames, target) for target in targets]
     tips = np.array([np.linalg.inv(place.inner)[:3, 3] for place in located]).reshape(-1, 3)
     q, reasons = _joints_at(arm, parsed, located, scale, start, tips)
-    if rig.controller == "unknown":
-        of_arm = [k for k, target in enumerate(targets) if not target.joints and reasons.get(k) not in _OF_TEXT]
-        reasons |= dict.fromkeys(of_arm, "controller_unknown")
+    points = [target if target.of is None else targets[target.of] for target in targets]
+    taught = np.array([is_taught(texts.names[point.file], point.line, point.name) for point in points], dtype=bool)
+    poses = [k for k, target in enumerate(targets) if not target.joints and reasons.get(k) not in _OF_TEXT]
+    if rig.controller == "unknown":  # A taught pose needs only differences, which the constants hardly change.
+        reasons |= dict.fromkeys([k for k in poses if not taught[k]], "controller_unknown")
     reasons |= {k: "unused" for k, target in enumerate(targets) if target.file >= texts.own}
     nominal, joints = forward(arm, q), np.array([target.joints for target in targets], dtype=bool)
-    wanted = np.where(joints[:, None, None], forward(_offline_arm(rig.robot), q), nominal)
+    wanted = np.where((joints & ~taught)[:, None, None], forward(_offline_arm(rig.robot), q), nominal)
     # The correction of these joint targets includes the difference of the controller from the data sheet, that of a
     # pose does not: an arc from one to the other would turn the tool differently.
     offline = {k for k in np.flatnonzero(joints).tolist() if not np.allclose(wanted[k], nominal[k], atol=_SAME_MM)}
@@ -115,7 +126,7 @@ def solve_program(
         for step in parsed.steps
         if step.arc and step.arc.tangent and offline & step.arc.starts and step.target not in reasons
     }
-    return SolvedProgram(maker, texts, parsed, arm, scale, located, tips, q, nominal, wanted, offline, reasons)
+    return SolvedProgram(maker, texts, parsed, arm, scale, located, tips, q, nominal, wanted, offline, reasons, taught)
 
 
 def _offline_arm(robot: Robot) -> Arm:

@@ -102,27 +102,46 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     return maker, ProgramTexts((*files, *read_beside), texts, len(files), absent)
 
 
-MARK = "corrected by rig"
-"""Start of the remark in a corrected program. It fits into a remark of every maker."""
+MARK, CONVERTED = "corrected by rig", "converted by rig"
+"""Starts of the remarks in programs with corrected and with converted points. They fit into a remark of every maker."""
 _MARKED = re.compile(rf"{MARK}\b", re.IGNORECASE)
+_CONVERTED = re.compile(rf"{CONVERTED}\b", re.IGNORECASE)
 
 
 def refuse_marked(path: Path) -> None:
+    """Raise FileError for a program with computed points that rig has corrected already."""
+    problem = "is already corrected by rig; a second correction would add to the first"
+    _refuse(path, _MARKED, problem)
+
+
+def refuse_converted(path: Path, change: str) -> None:
+    """Raise FileError for a program with taught points that rig has converted for the same change."""
+    text = " ".join(program_texts(path)[1].values())
+    if change in text:
+        _refuse(path, _CONVERTED, "is already converted by rig for this change; a second conversion would add to it")
+
+
+def _refuse(path: Path, pattern: re.Pattern[str], problem: str) -> None:
     for name, text in program_texts(path)[1].items():
-        if mark := _MARKED.search(text):
+        if mark := pattern.search(text):
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
             file = path / name if path.is_dir() else path.with_name(name)
-            problem = "is already corrected by rig; a second correction would add to the first"
             remedy = "give the original; --anyway corrects anyway"
             raise FileError(f"{file}:{line}", problem, remedy, code="program.already_corrected")
 
 
 def is_marked(path: Path) -> bool:
-    return any(_MARKED.search(text) for text in program_texts(path)[1].values())
+    """True if the numbers of a program contain the errors of the arm because rig wrote them."""
+    return any(_MARKED.search(text) or _CONVERTED.search(text) for text in program_texts(path)[1].values())
 
 
 def mark_of(date: str) -> str:
     return f"{MARK} on {date}: do not correct twice"
+
+
+def converted_mark_of(date: str, change: str) -> str:
+    """Remark in a program with converted points. change: digest of the change, which is found again."""
+    return f"{CONVERTED} on {date} for change {change}: do not convert twice"
 
 
 def as_bytes(text: str) -> bytes:

@@ -10,9 +10,11 @@ from itertools import takewhile
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import act_after, micrometres, percent, with_uncertainty
 from analysis.apps.report.texts import extended, joined
+from analysis.correction.work import largest_move_mm
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import LEAST_SHARE
 from analysis.diagnosis.plan.plan_next import JOINED
+from analysis.robot.predict import is_geometric
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
@@ -20,6 +22,8 @@ from rigs.text import as_argument
 
 REPAIRS = ("repair", "remaster", "enter", "mount")
 """Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
+_TOUCHED_UP_MM = 0.05
+"""Error of a taught point below which nobody touches it up: the repeatability of an industrial robot."""
 _KEYS = {
     "few_runs": "next_repeat", "one_lap": "act_one_lap", "elsewhere": "act_elsewhere", "revisit": "act_revisit",
     "commanded": "act_commanded",
@@ -46,7 +50,8 @@ class ActWords(AnswerWords):
         # The act changes the arm for which an earlier act in the list makes a correction.
         is_instead = "load" in earlier and act.kind in (*REPAIRS, "check")
         instead = self.texts("act_instead") if is_instead and not corrected else ""
-        sentence, against = joined([condition, self.what(act), self.removes(act), instead]), self.against(act)
+        sentence = joined([condition, self.what(act), self.removes(act), instead, self.about_taught_points(act)])
+        against = self.against(act)
         return extended(sentence, against, "{} ({}).")
 
     def what(self, act: Act) -> str:
@@ -78,6 +83,18 @@ class ActWords(AnswerWords):
             axis=self.joint(act.effect),
         )
 
+    def about_taught_points(self, act: Act) -> str:
+        """What becomes of programs with taught points once values are entered; empty if nothing is entered."""
+        rig, calibrated = self.diagnosis.rig, self.diagnosis.calibrated
+        effects = [act.effect] if act.effect else [named.effect for named in self.diagnosis.effects]
+        effects += calibrated.effects if calibrated and not act.effect else ()
+        entered = [effect for effect in effects if is_geometric(effect)]
+        is_entered = act.kind in ("enter", "remaster") or (act.kind == "load" and not load_variant(rig))
+        if not (is_entered and entered and rig.takes_programs):
+            return ""
+        mm = largest_move_mm(rig, entered)
+        return self.texts(f"act_taught_{act.kind}", mm=f"{mm:.2g}") if mm >= _TOUCHED_UP_MM else ""
+
     def imperative(self, act: Act) -> str:
         if act.conditional:
             return joined([self.texts("act_if_confirmed"), self.what(act)])
@@ -90,7 +107,7 @@ class ActWords(AnswerWords):
         """The command of an act, and of a correction also the command that uses the model written by the first."""
         if not (model := self._unwritten_model(act)):
             return command(act)
-        option = {"_joints": " --program FILE", "_targets": " --path TARGETS.csv"}
+        option = {"_joints": " --program FILE --points computed", "_targets": " --path TARGETS.csv"}
         corrects = option.get(load_variant(self.diagnosis.rig), "")
         return f"{command(act)}\nrig correct {as_argument(model)}{corrects} -o corrections"
 

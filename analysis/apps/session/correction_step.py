@@ -128,7 +128,8 @@ def corrected(
     falls = f"The error is then expected to fall from {now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
-        sentence = joined([correction_report.controller_sentence(entries), unknown, f"{falls}."])
+        taught = entries.steps[0]  # programs with taught points, before anything is entered
+        sentence = joined([correction_report.controller_sentence(entries), taught, unknown, f"{falls}."])
         return _correction(way, sentence, now_um, left_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
     sentence = f"Load the corrected programs. {falls}."

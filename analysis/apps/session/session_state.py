@@ -325,7 +325,7 @@ def own_programs(session: Session, directory: Path) -> str:
     if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
     model = SessionDirectory(directory).model_of(session.answer)
-    return f"rig correct {as_argument(model)} --program FILE -o DIR"
+    return f"rig correct {as_argument(model)} --program FILE --points computed -o DIR"
 
 
 class SessionDirectory:

@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.apps.correct.corrected_program import correct_program
 from analysis.apps.correct.stated_frames import frames_of
-from analysis.correction.support import supports
+from analysis.apps.correct.stated_points import computed_points
 from rigs.errors import RigError
 from tests.worlds.languages import fanuc, inform, krl, rapid, urscript
 from tests.worlds.languages.arms import Array, cell
@@ -75,7 +75,6 @@ class Verdict:
 
 def correct(draft: Draft) -> Corrected:
     rig = cell(draft.dialect).rig
-    supported = supports(rig)
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
     frames = [f"{name}={stated(T)}" for name, T in draft.frames.items()]
     files, done, left, u_mm = dict(draft.files), set[Place](), [], [0.0]
@@ -85,7 +84,9 @@ def correct(draft: Draft) -> Corrected:
         for name, data in draft.files.items():
             (Path(directory) / name).write_bytes(data)
         for name in draft.given:
-            one = correct_program(rig, supported, Path(directory) / name, frames_of(rig.robot, tools, frames), scale)
+            one = correct_program(
+                computed_points(rig), Path(directory) / name, frames_of(rig.robot, tools, frames), scale
+            )
             names = list(one.files)
             files |= one.files
             read |= set(names)

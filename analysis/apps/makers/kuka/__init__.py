@@ -15,7 +15,6 @@ CONTROLLER = Controller(
     "",
     (
         "Change the machine data, then master the axis at the notch: the reading there becomes $MAMES.",
-        "Taught programs keep their joint angles, so their points move with the correction.",
         "Machine data must be changed only by trained personnel; keep a copy of the file.",
     ),
     "KUKA KR C2 operating handbook, machine data 2.1.7 and 2.1.156 to 2.1.161: "

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
 from analysis.apps.correct.stated_frames import frames_of
+from analysis.apps.correct.stated_points import computed_points
 from analysis.apps.makers.configuration import configuration_of, turns
-from analysis.correction.support import supports
 from analysis.robot.kinematics.arm import arm_of
 from rigs.rig import Rig
 from tests.worlds.arms.faulty_arm import flange_at, frame, known
@@ -64,7 +64,7 @@ def corrected(
     whole: bool = False,
 ) -> CorrectedProgram:
     wrong, stated = known(rig), frames_of(rig.robot, tools, frames, neutral)
-    return correct_program(wrong, supports(wrong), path, stated, scale, start=start, whole=whole)
+    return correct_program(computed_points(wrong), path, stated, scale, start=start, whole=whole)
 
 
 def uncorrected(found: CorrectedProgram) -> Left:

@@ -11,13 +11,13 @@ import pytest
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
 from analysis.apps.correct.stated_frames import frames_of
+from analysis.apps.correct.stated_points import computed_points
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.emulated import Event, LinearMove, PointToPointMove, Round, ToolPose
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of, write_programs
 from analysis.apps.programs.compensated import targets_of
 from analysis.apps.programs.planned import plans_of
-from analysis.correction.support import supports
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.support.changed_rigs import with_circle
@@ -47,7 +47,7 @@ def _written(dialect: MakerName, rig: Rig, directory: Path) -> tuple[Path, list[
 
 
 def _corrected(rig: Rig, path: Path) -> CorrectedProgram:
-    return correct_program(rig, supports(rig), path, frames_of(rig.robot, ["9=rig"], []), None)
+    return correct_program(computed_points(rig), path, frames_of(rig.robot, ["9=rig"], []), None)
 
 
 def _poses(events: list[Event]) -> list[ToolPose]:

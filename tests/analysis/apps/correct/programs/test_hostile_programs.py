@@ -9,7 +9,8 @@ import pytest
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
 from analysis.apps.correct.program_report import blocks
 from analysis.apps.correct.stated_frames import frames_of
-from analysis.correction.support import ANYWAY, supports
+from analysis.apps.correct.stated_points import computed_points
+from analysis.correction.support import ANYWAY
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from tests.support.answers import words_of
@@ -24,7 +25,7 @@ MANY = 10_000
 
 def _corrected(path: Path, *effects: Effect) -> CorrectedProgram:
     rig = RIG.model_copy(update={"effects": effects or EFFECTS})
-    return correct_program(rig, supports(rig), path, frames_of(rig.robot, ["tcp=rig"], []), None)
+    return correct_program(computed_points(rig), path, frames_of(rig.robot, ["tcp=rig"], []), None)
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_other_files_are_refused(name, data, code, tmp_path, cell):
     path = tmp_path / name
     if data is not None:
         path.write_bytes(data)
-    assert failure_of(f"correct {cell} --program {path} -o {tmp_path}/out") == (3, code)
+    assert failure_of(f"correct {cell} --program {path} --points computed -o {tmp_path}/out") == (3, code)
     assert not (tmp_path / "out").exists()
 
 
@@ -91,7 +92,7 @@ def test_a_hostile_program_is_read_to_its_end_and_stays_as_it_is(name, text, tmp
 def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path, cell):
     path = tmp_path / "a.script"
     path.write_bytes(b"movej(\x1b[31mred\x1b[0m)\nmovej(evil\xe2\x80\xae)\n")
-    done = succeeded(f"correct {cell} --program {path} -o {tmp_path}/out")
+    done = succeeded(f"correct {cell} --program {path} --points computed -o {tmp_path}/out")
     assert "\x1b" not in done.stdout and "\x1b" not in done.stderr
 
 
@@ -119,7 +120,7 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[0.5,0.2,0.3,0,3.1,0])\nmovej(home)\n")
     given = path.read_bytes()
-    done = succeeded(f"correct {cell} --program {path} -o {out}")
+    done = succeeded(f"correct {cell} --program {path} --points computed -o {out}")
     assert path.read_bytes() == given != (out / "a.script").read_bytes()
     assert "1 target corrected, 2 places unchanged" in done.stdout
     assert "movel (line 2)" in done.stdout
@@ -127,9 +128,9 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
     (held,) = contents(out / "corrections.yaml")["programs"]
     assert held["corrected"] == 1 and [one["line"] for one in held["left"]] == [2, 3]
     for folder in (out, tmp_path):
-        assert "exists already" in errors_of(f"correct {cell} --program {path} -o {folder}")
+        assert "exists already" in errors_of(f"correct {cell} --program {path} --points computed -o {folder}")
     assert path.read_bytes() == given
-    whole = ran(f"correct {cell} --program {path} -o {out}2 --json --all-or-nothing")
+    whole = ran(f"correct {cell} --program {path} --points computed -o {out}2 --json --all-or-nothing")
     assert whole.returncode == 3 and "a.script" in whole.stderr and "next:" not in whole.stderr
     assert json.loads(whole.stdout)["programs"][0]["targets"][0]["line"] == 1
 
@@ -137,10 +138,10 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ("--tool 1 --program a.script", "program.frame"),
-        ("--tool 1=1,2,3 --program a.script", "program.frame"),
-        ("--frame 1=nan,0,0,0,0,0 --program a.script", "program.frame"),
-        ("--frame 1=rig --program a.script", "program.frame"),
+        ("--tool 1 --program a.script --points computed", "program.frame"),
+        ("--tool 1=1,2,3 --program a.script --points computed", "program.frame"),
+        ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "program.frame"),
+        ("--frame 1=rig --program a.script --points computed", "program.frame"),
         ("--start-joints 0,0,0,0,0,0", "program.option"),
     ],
 )
@@ -149,7 +150,9 @@ def test_options_of_programs_without_a_value_or_a_program_are_refused(words, cod
 
 
 def test_a_start_from_which_no_posture_comes_is_said(tmp_path, script, cell):
-    done = succeeded(f"correct {cell} --program {script} -o {tmp_path}/out --start-joints 0,-80,100,-20,80,0")
+    done = succeeded(
+        f"correct {cell} --program {script} --points computed -o {tmp_path}/out --start-joints 0,-80,100,-20,80,0"
+    )
     assert "a.script: --start-joints" in done.stderr
 
 
@@ -166,7 +169,7 @@ def test_programs_of_one_name_are_refused(tmp_path, cell):
     for path in paths:
         path.parent.mkdir()
         path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    words = ("--program", paths[0], "--program", paths[1], "-o", tmp_path / "out")
+    words = ("--program", paths[0], "--program", paths[1], "--points", "computed", "-o", tmp_path / "out")
     assert failure_of("correct", cell, *words) == (3, "program.twice")
 
 
@@ -174,10 +177,10 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     path = tmp_path / "a.src"
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     for words in ((), ("--for", "fanuc")):
-        code = failure_of("correct", cell, "--program", path, "-o", tmp_path / "out", *words)
+        code = failure_of("correct", cell, "--program", path, "--points", "computed", "-o", tmp_path / "out", *words)
         assert code == (3, "program.other_maker")
     assert not (tmp_path / "out").exists()
-    done = succeeded(f"correct {cell} --program {path} -o {tmp_path}/out --for kuka")
+    done = succeeded(f"correct {cell} --program {path} --points computed -o {tmp_path}/out --for kuka")
     assert "a.src (kuka): 1 target corrected" in done.stdout
 
 
@@ -189,11 +192,11 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
 def test_no_program_is_written_without_a_gain(effect, tmp_path, script, cell):
     cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
     out = tmp_path / "out"
-    done = ran(f"correct {cell} --program {script} -o {out} --json")
+    done = ran(f"correct {cell} --program {script} --points computed -o {out} --json")
     assert done.returncode == 3 and json.loads(done.stderr.splitlines()[-1])["error"]["code"] == "correct.no_gain"
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert contents(out / "corrections.yaml")["verdict"] == "nothing"
-    succeeded(f"correct {cell} --program {script} -o {tmp_path}/anyway --anyway")
+    succeeded(f"correct {cell} --program {script} --points computed -o {tmp_path}/anyway --anyway")
     assert ANYWAY in (tmp_path / "anyway" / "a.script").read_text()
     assert "next:" not in ran(f"correct {cell} -o {tmp_path}/bare --anyway").stderr
 
@@ -201,7 +204,7 @@ def test_no_program_is_written_without_a_gain(effect, tmp_path, script, cell):
 def test_corrected_program_excludes_values_to_enter(tmp_path, script, cell):
     """Programs and entered values together would correct twice."""
     out = tmp_path / "out"
-    done = ran(f"correct {cell} --program {script} -o {out}")
+    done = ran(f"correct {cell} --program {script} --points computed -o {out}")
     assert "calibration.conf" in ran(f"correct {cell} -o {tmp_path}/entered").stdout
     assert "calibration.conf" not in done.stdout and "correct twice" in " ".join(done.stdout.split())
     assert "--for" not in done.stderr

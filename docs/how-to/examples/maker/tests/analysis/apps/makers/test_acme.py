@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
-from analysis.apps.correct.stated_frames import NO_FRAMES
+from analysis.apps.correct.stated_points import computed_points
 from analysis.apps.emulate.driving import ControllerState
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
 from analysis.apps.programs.planned import plans_of
-from analysis.correction.support import supports
 from rigs.load import load
 from tests.worlds.arms.faulty_arm import known
 
@@ -26,7 +25,7 @@ def corrected(directory: Path, text: str) -> CorrectedProgram:
     file = directory / "a.acm"
     with file.open("wb") as opened:
         encoded_programs("acme", {file.name: text})[file.name](opened)
-    return correct_program(RIG, supports(RIG), file, NO_FRAMES, None)
+    return correct_program(computed_points(RIG), file)
 
 
 def test_every_target_is_corrected_and_nothing_but_its_numbers(tmp_path: Path) -> None:
