@@ -74,6 +74,12 @@ class Corrections:
         return {path: nothing if error else unknown for path, error in self.errors.items() if path not in certain}
 
     @property
+    def corrects_computed(self) -> bool:
+        """False if all corrected points were taught: then zeros and constants would move the tool off its places."""
+        groups = [group.origin for program in self.programs for group in program.judged]
+        return self.path is not None or not groups or any(origin.kind == "computed" for origin in groups)
+
+    @property
     def uses_model(self) -> bool:
         """False if programs are only converted or left as they are, which the model of the arm does not affect."""
         return bool(self.path or not self.programs or any(program.judged for program in self.programs))
@@ -121,7 +127,7 @@ def correct_rig(
         raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.unknown")
     supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
     entries, zeros, constants = None, list[Correction](), list[Correction]()
-    if by_model and rig.controller != "unknown":
+    if (points.are_computed or not programs.paths) and rig.controller != "unknown":
         zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
         if controller and not programs.paths:
             entries = controller_entries(rig, supported, controller, scale)

@@ -56,11 +56,11 @@ _ONE = "Use only one: zeros and constants, or the parameters of the controller, 
 def answer_of(corrections: Corrections) -> list[Block]:
     """The advice, the effects with their use, the values to change, and the benefit."""
     rig, blocks = corrections.rig, list[Block]()
-    if not corrections.uses_model:
+    if corrections.uses_model and (why := why_nothing(rig)):
+        blocks.append(Sentence(ENGLISH("correct_advised_against", why=why), "fail"))
+    if not (corrections.uses_model and corrections.corrects_computed):
         blocks.append(Sentence(_first(corrections), "strong"))
         return [*blocks, *(block for program in corrections.programs for block in program_report.blocks(program))]
-    if why := why_nothing(rig):
-        blocks.append(Sentence(ENGLISH("correct_advised_against", why=why), "fail"))
     wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
     if wrong:
         names = ", ".join(plain(rig, effect) for effect in wrong)

@@ -90,6 +90,11 @@ class StatedPoints:
         """True if the model of the rig corrects any points."""
         return any(not origin.is_exact for origin in self.stated)
 
+    @property
+    def are_computed(self) -> bool:
+        """True if all points are computed, so that zeros and constants at the controller are an alternative."""
+        return all(isinstance(origin, ComputedPoints) for origin in self.stated)
+
     def refuse_repeated(self, program: Path) -> None:
         """Raise FileError for a program that rig has corrected or converted in the same way already."""
         if any(isinstance(origin, ComputedPoints) for origin in self.stated):

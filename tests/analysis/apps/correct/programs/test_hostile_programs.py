@@ -139,7 +139,7 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
     ("words", "code"),
     [
         ("--tool 1 --program a.script --points computed", "program.frame"),
-        ("--tool 1=1,2,3 --program a.script --points computed", "program.frame"),
+        ("--tool 1=1,2 --program a.script --points computed", "program.frame"),
         ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "program.frame"),
         ("--frame 1=rig --program a.script --points computed", "program.frame"),
         ("--start-joints 0,0,0,0,0,0", "program.option"),
