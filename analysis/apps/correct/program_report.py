@@ -35,6 +35,8 @@ _MORE: dict[Reason, str] = {
 
 def blocks(program: CorrectedProgram) -> list[Block]:
     """The numbers of targets, remarks on the correction, and the uncorrected targets with their reasons."""
+    if program.is_right:
+        return [Heading(ENGLISH("program_head_right", program=program), 3), *paragraphs(_origins(program))]
     count, steps, left = len(program.names), len(program.beside_left_mm), len(program.left)
     places = counted(left, "place") if left else "no place"
     targets = counted(count, "target")

@@ -72,6 +72,7 @@ def test_taught_program_without_a_change_writes_no_program(cell):
     assert program["points"][0] | {"count": 3} == program["points"][0]
     assert program["points"][0]["treatment"] == "unchanged"
     assert [file.name for file in cell.with_name("out").iterdir()] == ["corrections.yaml"]
+    assert "program_head_right" in {key for block in done["blocks"] for key in block["keys"]}
 
 
 def test_mastered_zeros_are_converted_once(cell):
