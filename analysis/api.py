@@ -32,6 +32,7 @@ from analysis.procedures.shared.result_curves import PathCurve as PathCurve
 from analysis.procedures.shared.result_curves import PoseCurve as PoseCurve
 from analysis.procedures.shared.result_curves import RadialCurve as RadialCurve
 from analysis.procedures.shared.result_curves import RepeatabilityCurve as RepeatabilityCurve
+from analysis.runs.copies import ELSEWHERE, HELD_OUT, USED, refuse_repeated
 from analysis.runs.loading import Measured as Measured
 from analysis.runs.loading import load_measured
 from analysis.runs.tables import JointSource
@@ -256,6 +257,7 @@ def compare(
     from analysis.diagnosis.judge.staircase import located  # noqa: PLC0415
 
     used, elsewhere = _runs(runs), _runs(unseen)
+    refuse_repeated({USED: used, ELSEWHERE: elsewhere})
     model = _model(rig, used)
     return located(compare_with(used, model, elsewhere), model, used, elsewhere)
 
@@ -375,14 +377,12 @@ def _diagnosed(
     from analysis.correction.passport import passport_of  # noqa: PLC0415
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
-    from analysis.runs.loading import as_recorded, refuse_copied_rows, refuse_copies, with_controller_of  # noqa: PLC0415
+    from analysis.runs.loading import as_recorded, with_controller_of  # noqa: PLC0415
 
     used, held_out, elsewhere = _runs(runs), _runs(hold_out), _runs(unseen)
+    refuse_repeated({USED: used, HELD_OUT: held_out, ELSEWHERE: elsewhere})
     model = as_recorded(_model(rig, used), used)
     used, held_out, elsewhere = (with_controller_of(model, group) for group in (used, held_out, elsewhere))
-    every = (*used, *held_out, *elsewhere)
-    refuse_copies((run.path, run.run.readings_sha256) for run in every)
-    refuse_copied_rows(every)
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
     return replace(with_movements(diagnosis, movements, doubts), passport=passport_of(diagnosis))

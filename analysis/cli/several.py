@@ -115,10 +115,6 @@ def evaluate_paths(
     return [results[run] for run in runs if run in results], errors
 
 
-def distinct(paths: Iterable[Path]) -> dict[Path, None]:
-    return dict.fromkeys(path.resolve() for path in paths)
-
-
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
     """Runs at or below paths; absolute for a cluster, since the workers run in other directories."""
     from analysis.cli.console import progress_of
@@ -140,6 +136,7 @@ def is_table(path: Path) -> bool:
 
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
     """Paths, with each table imported to a temporary run, which exists until the command ends."""
+    from analysis.runs.batch import distinct
     from rigs.arms import arm_names
 
     paths = list(paths)
@@ -150,6 +147,7 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
         if path.suffix.lower() in _TABLES:
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
             raise FileError(str(path), "no such file or directory", remedy, code="file.missing")
+    distinct(path for path in paths if is_table(path))
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
 
 

@@ -16,7 +16,7 @@ import sys
 import traceback
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -356,20 +356,41 @@ def _result(future: Any, item: Item, address: str) -> Outcome[Item, Any]:
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """Runs at or below paths, without repetition, sorted by name within a directory.
+    """Runs at or below paths, sorted by name within a directory. A run that a directory links again counts once.
 
-    A path without runs is returned unchanged, and reading it then reports the problem.
+    A path without runs is returned unchanged, and reading it then reports the problem. Raises FileError if two paths
+    lead to the same run.
     """
     runs: dict[Path, Path] = {}
     for path in paths:
         top = path.run if isinstance(path, CopiedRun) else path
         below = [] if _is_run(top) else list(_runs_below(top))
+        here: dict[Path, Path] = {}
         for run in below:
             named = CopiedRun.of(f"{path}/{run.relative_to(top)}", run) if isinstance(path, CopiedRun) else run
-            runs.setdefault(run.resolve(), named)
+            here.setdefault(run.resolve(), named)
         if not below:
-            runs.setdefault(top.resolve(), path)
+            here[top.resolve()] = path
+        _refuse_repeated_paths(runs, here)
+        runs |= here
     return list(runs.values())
+
+
+def distinct(paths: Iterable[Path]) -> list[Path]:
+    """Resolved paths. Raises FileError if two lead to the same file or directory."""
+    given: dict[Path, Path] = {}
+    for path in paths:
+        here = {path.resolve(): path}
+        _refuse_repeated_paths(given, here)
+        given |= here
+    return list(given)
+
+
+def _refuse_repeated_paths(earlier: Mapping[Path, Path], here: Mapping[Path, Path]) -> None:
+    for resolved, path in here.items():
+        if first := earlier.get(resolved):
+            also = "" if path == first else f", also as {first}"
+            raise FileError(str(path), f"is given twice{also}", "give it once", code="run.copy")
 
 
 def _runs_below(top: Path) -> Iterator[Path]:

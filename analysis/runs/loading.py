@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 
 from analysis.robot.kinematics.arm import Array
@@ -32,7 +31,7 @@ from analysis.runs.noise.certificate import (
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import average_standstills
-from analysis.runs.tables import RAIL, CircleTable, PoseTable, Table, columns_of, format_of, table_from, u_lag_s_of
+from analysis.runs.tables import RAIL, CircleTable, Table, columns_of, format_of, table_from, u_lag_s_of
 from analysis.runs.tabular import Tabular
 from daq.store import Run, read_run
 from rigs.errors import FileError
@@ -132,53 +131,6 @@ def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
                 run = replace(run, rig=run.rig.model_copy(update={"robot": shown.model_copy(update=update)}))  # noqa: PLW2901
         made.append(run)
     return made
-
-
-def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
-    """Raise FileError if two runs have equal readings; runs: path and digest of each.
-
-    A copy would be mistaken for a noise-free repeat, or for an independent held-out run.
-    """
-    by_digest: dict[str, Path] = {}
-    for path, readings in runs:
-        if first := by_digest.get(readings):
-            raise FileError(
-                str(path), f"contains the same readings as {first}", "give each recording once", code="run.copy"
-            )
-        by_digest[readings] = path
-
-
-_COPIED = 0.5
-"""Share of equal rows from which a table of poses is a copy. Chosen: no two visits agree in posture and position to the
-last digit.
-"""
-
-
-def refuse_copied_rows(runs: Sequence[Measured]) -> None:
-    """Raise FileError if most poses also occur in an earlier run, in any order and any turn of the joints, or if many
-    rows of a run are copies: a copy shows no repeatability.
-    """
-    seen: list[tuple[str, set[bytes]]] = []
-    for run in runs:
-        if not isinstance(run.table, PoseTable):
-            continue
-        q = run.table.q
-        rows = {row.tobytes() for row in np.hstack([np.cos(q), np.sin(q), run.table.xyz_mm]).round(6) + 0.0}
-        name = run.run.manifest.name
-        if len(q) - len(rows) > _COPIED * len(rows):
-            problem = f"contains {len(q) - len(rows)} of its {len(q)} rows twice, to the last digit"
-            raise FileError(
-                name,
-                problem,
-                "give each pose once; visit a target again to show its repeatability",
-                code="run.copied_rows",
-            )
-        for first, earlier in seen:
-            if len(rows & earlier) > _COPIED * len(rows):
-                raise FileError(
-                    name, f"contains the poses of {first} in another order", "give each pose once", code="run.copy"
-                )
-        seen.append((name, rows))
 
 
 def rig_of(run: Run) -> Rig:

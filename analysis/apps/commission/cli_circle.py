@@ -62,7 +62,7 @@ def fit(
 
     from analysis.apps.commission.cli_fitted_test import FittedTest, print_or_write, rig_file_to_write
     from analysis.apps.commission.driven_circle import driven_circle
-    from analysis.cli.several import distinct
+    from analysis.runs.batch import distinct
     from analysis.runs.loading import motion_in
 
     if bool(runs) == live:
@@ -105,7 +105,7 @@ def fit_ball(
     """
     from analysis.apps.commission.cli_fitted_test import FittedTest, print_or_write, rig_file_to_write
     from analysis.apps.commission.touched_ball import touched_ball
-    from analysis.cli.several import distinct
+    from analysis.runs.batch import distinct
     from rigs.schema.vocabulary import CIRCLES
 
     recorded, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))

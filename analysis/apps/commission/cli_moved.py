@@ -89,9 +89,9 @@ def moved(
 
 
 def _read(paths: Sequence[Path], rig_file: str | None) -> list[Measured]:
-    from analysis.cli.several import distinct, end_with, load_runs, runs_below, with_tables, worst_code
+    from analysis.cli.several import end_with, load_runs, runs_below, with_tables, worst_code
 
-    runs, errors = load_runs(distinct(runs_below(with_tables(paths, rig_file))))
+    runs, errors = load_runs([run.resolve() for run in runs_below(with_tables(paths, rig_file))])
     end_with(worst_code(errors))
     return runs
 

@@ -41,6 +41,7 @@ from analysis.movement.inference import (
     vector_of,
 )
 from analysis.procedures.shared.test_kind import facts_of
+from analysis.runs.copies import NEW, REFERENCE, refuse_repeated
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -172,6 +173,7 @@ def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
 def what_moved_in(
     rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
 ) -> MovementResult:
+    refuse_repeated({REFERENCE: reference, NEW: new})
     return what_moved(study_runs(rig, reference), observed(rig, new), plan=plan)
 
 

@@ -20,7 +20,7 @@ from analysis.apps.plant.store import FILE, read_records
 from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
 from analysis.procedures.shared.quantity import Quantity, student_factor
 from analysis.runs.copied_runs import local_run
-from analysis.runs.loading import refuse_copies
+from analysis.runs.copies import refuse_copies
 from analysis.runs.tabular import for_json
 from daq.store import load_manifest
 from rigs.errors import FileError
@@ -102,14 +102,15 @@ def differences_answer(compared: Sequence[Difference]) -> list[Block]:
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
-    if both := {run.resolve() for run in after} & {run.resolve() for run in before}:
-        remedy = "give the run either before or after --against"
-        raise FileError(str(min(both)), "is on both sides", remedy, code="compare.both_sides")
     directories = {run.resolve().parent for run in (*before, *after)}
     histories = {directory: read_records(directory / FILE) for directory in directories}
     now, then = ([_record(run, histories) for run in side] for side in (after, before))
-    records = zip((*before, *after), (*then, *now), strict=True)
-    refuse_copies((path, record.readings) for path, record in records)
+    sides = ((before, then, "before"), (after, now, "after"))
+    refuse_copies(
+        (path, record.readings, role)
+        for paths, records, role in sides
+        for path, record in zip(paths, records, strict=True)
+    )
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
         where, remedy = " and ".join(robots), "compare runs of the same robot"

@@ -109,17 +109,19 @@ def _simulated(runs: Sequence[Path], unseen: Sequence[Path], rig_file: str | Non
 def _before_and_after(after: Sequence[Path], before: Sequence[Path]) -> _Shown:
     from analysis.apps.plant.before_after import differences, differences_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.several import distinct
 
     with progress_of():
-        changes = differences(list(distinct(after)), list(distinct(before)))
+        changes = differences([run.resolve() for run in after], [run.resolve() for run in before])
     return {"differences": [change.to_dict() for change in changes]}, differences_answer(changes)
 
 
 def _apart(first: Path, second: Path) -> _Shown:
     from analysis.apps.plant.arms_apart import answer_of, arms_apart
     from analysis.cli.console import progress_of
-    from rigs.load import load
+    from analysis.runs.batch import distinct
+    from rigs.load import find, load
+
+    distinct(map(find, (str(first), str(second))))
 
     with progress_of("comparing the arms"):
         apart = arms_apart(load(first)[0], load(second)[0])

@@ -13,6 +13,7 @@ from analysis.apps.report.diagnosis_words import micrometres
 from analysis.diagnosis.evidence.observation import by_socket, rms
 from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
 from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.runs.copies import USED, refuse_repeated
 from analysis.runs.loading import Measured
 from analysis.runs.tabular import for_json
 from rigs.errors import FileError
@@ -53,6 +54,7 @@ class FittingArm:
 
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
+    refuse_repeated({USED: runs})
     first, second = (_fit(runs, file, rig) for file, rig in arms)
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 

@@ -74,7 +74,7 @@ def test_two_programs_of_a_test_have_different_titles(runs, monkeypatch):
 
 
 def test_runs_that_cannot_be_compared_are_refused(runs, tmp_path):
-    with refused("compare.both_sides"):
+    with refused("run.copy"):
         differences(runs[:2], runs[1:])
     with refused("compare.nothing_common"):
         differences([dated_run(tmp_path, 0, 0.01, "cw")], runs[:1])

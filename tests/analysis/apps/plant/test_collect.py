@@ -6,7 +6,8 @@ import pytest
 from analysis.apps.plant import collect as module
 from analysis.apps.plant.collect import Collected, Workers
 from analysis.apps.plant.store import FILE, entries
-from analysis.runs.loading import load_measured, refuse_copies
+from analysis.runs.copies import USED, refuse_repeated
+from analysis.runs.loading import load_measured
 from rigs.errors import FileError
 from tests.support.command_line import succeeded
 from tests.support.dated_runs import dated_run
@@ -60,7 +61,7 @@ def test_a_table_that_was_imported_twice_counts_once(runs):
     assert len(found.notes) == 2
     one, two = (load_measured(runs / name) for name in ("one", "two"))
     with pytest.raises(FileError):
-        refuse_copies((run.path, run.run.readings_sha256) for run in (one, two))
+        refuse_repeated({USED: (one, two)})
 
 
 def test_robot_has_the_name_of_its_rig_file_or_robot(runs):

@@ -9,7 +9,8 @@ from analysis.procedures.checks.places import WILDNESS, far_poses
 from analysis.procedures.results import result_of
 from analysis.robot.geometry.pose_setup import fit_setup
 from analysis.robot.kinematics.arm import arm_of, forward, without_setup
-from analysis.runs.loading import Measured, refuse_copied_rows
+from analysis.runs.copies import USED, refuse_copied_rows
+from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.conventions import run_of
@@ -67,9 +68,9 @@ def test_the_same_poses_in_another_order_are_no_repeats():
     table, order = run.table, np.random.default_rng(1).permutation(60)
     shuffled = replace(table, q=table.q[order] + 2 * np.pi, xyz_mm=table.xyz_mm[order])
     with refused("run.copy"):
-        refuse_copied_rows([run, replace(run, table=shuffled)])
+        refuse_copied_rows([(run, USED), (replace(run, table=shuffled), USED)])
     visited_again = replace(shuffled, xyz_mm=shuffled.xyz_mm + np.random.default_rng(2).normal(0, 0.01, (60, 3)))
-    refuse_copied_rows([run, replace(run, table=visited_again)])
+    refuse_copied_rows([(run, USED), (replace(run, table=visited_again), USED)])
 
 
 @pytest.mark.parametrize("which", ["from about 31", "every other row"])
