@@ -18,9 +18,9 @@ from typing import cast, get_args
 from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
 from analysis.correction.calibrated_arm import ArmPoses as ArmPoses
 from analysis.correction.calibrated_arm import CalibratedArm as CalibratedArm
+from analysis.correction.diagnosed import Diagnosis as Diagnosis
 from analysis.diagnosis.judge.comparison import Compared as Compared
 from analysis.diagnosis.judge.comparison import Comparison as Comparison
-from analysis.diagnosis.judge.result import Diagnosis as Diagnosis
 from analysis.diagnosis.judge.result import Gap as Gap
 from analysis.diagnosis.judge.result import Named as Named
 from analysis.procedures import results
@@ -380,12 +380,22 @@ def _diagnosed(
     from analysis.runs.loading import as_recorded, with_controller_of  # noqa: PLC0415
 
     used, held_out, elsewhere = _runs(runs), _runs(hold_out), _runs(unseen)
+    first_given = used
     refuse_repeated({USED: used, HELD_OUT: held_out, ELSEWHERE: elsewhere})
     model = as_recorded(_model(rig, used), used)
     used, held_out, elsewhere = (with_controller_of(model, group) for group in (used, held_out, elsewhere))
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
-    return replace(with_movements(diagnosis, movements, doubts), passport=passport_of(diagnosis))
+    diagnosis = replace(with_movements(diagnosis, movements, doubts), passport=passport_of(diagnosis))
+    return Diagnosis.of(diagnosis, _rig_text(rig, first_given))
+
+
+def _rig_text(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> str:
+    """Text of the initial rig file; empty for an object that no run contains."""
+    if isinstance(rig, str | Path):
+        return load(rig)[1]
+    is_of_run = rig is None or any(run.rig == rig for run in runs)
+    return runs[0].run.manifest.rig_text if is_of_run else ""
 
 
 def _require(name: str, value: object, expected: str, *, fits: bool) -> None:
@@ -416,6 +426,9 @@ def _path(path: str | Path, name: str) -> Path:
 def _run(run: AnyRun) -> Measured:
     """Run, read from a directory if necessary. Raises UseError for any other type."""
     if isinstance(run, str | Path):
+        if Path(run).is_file():
+            remedy = f'read it first: read_table("{run}", rig="cell.yaml"), and give the result'
+            raise UseError(str(run), "is a file, and a run is a directory", remedy, code="api.type")
         return load_run(run)
     if not isinstance(run, Measured):
         remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"

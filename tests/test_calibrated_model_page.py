@@ -9,7 +9,7 @@ import pytest
 import yaml
 from pydantic import TypeAdapter
 
-from analysis.apps.report.diagnosis_report import write_extended
+from analysis.correction.model_files import write_extended
 from analysis.correction.pose_uncertainty import PoseUncertainty
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import Array

@@ -6,14 +6,14 @@ backlash and time-dependent effects, the calibration, and the unexplained error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
-from analysis.correction.corrected_targets import reached_angles
+from analysis.correction.corrected_targets import corrected, reached_angles
 from analysis.correction.pose_uncertainty import PoseUncertainty, covered, places_u_mm, pose_uncertainty, where_known
-from analysis.correction.support import supports
+from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import left_out_mm, tool_poses, work_or_spread
 from analysis.robot.kinematics.arm import Array, Mask, arm_of
 from analysis.robot.kinematics.inverse import inverse
@@ -73,7 +73,7 @@ class ArmAngles:
     u_frame_mm: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CalibratedArm:
     """Arm of a rig file with the errors known from the file and from its calibration. Create it with `calibrated_arm`.
 
@@ -85,6 +85,9 @@ class CalibratedArm:
     """
 
     rig: Rig
+
+    def __repr__(self) -> str:
+        return f"<arm of {self.rig.name}, {self._axes} axes, {'measured' if self._is_measured else 'not measured'}>"
 
     def forward(self, q_deg: Array) -> ArmPoses:
         """Return the tool poses at joint angles q_deg (n, axes), or (axes,) for a single posture, as reported by the
@@ -151,6 +154,56 @@ class CalibratedArm:
         turned[reached] = np.degrees(turned_rad(tool_poses(self._model, q[reached]), poses[reached]))
         turned = np.where(turned < _UNTURNED_DEG, 0.0, turned)
         return ArmAngles(np.degrees(q), reached, u_mm[0], inside, turned, u_mm[1])
+
+    def correct(self, targets: Array, near: Array | None = None) -> ArmAngles:
+        """Return joint angles to command so that the real tool reaches targets of the nominal arm.
+
+        targets: joint angles (n, axes), or (axes,), in degrees, as a program commands them, or tool poses (n, 4, 4), or
+        (4, 4), in mm. near: for poses the postures (n, axes) in degrees to stay near, or one as in `inverse`.
+        Targets that cannot be corrected are NaN, and False in `reached`. Raises FileError if the arm was not measured
+        or the model must not be used for a correction.
+        """
+        if not self._is_measured:
+            problem = "was not measured: the rig has neither a calibration nor effects, so no target would change"
+            remedy = "give the rig file written by diagnose(…).save(directory) or rig diagnose -o"
+            raise FileError(self.rig.name, problem, remedy, code="correct.no_effects")
+        if why := why_nothing(self.rig):
+            raise FileError(self.rig.name, why, "measure what `acts` of the diagnosis ask for", code="calibration.none")
+        given = _numbers(targets, "targets")
+        if given.shape[-2:] == (4, 4):
+            return self._correct_poses(given, near)
+        if near is not None:
+            problem = "is for tool poses, and the targets are joint angles"
+            raise FileError("near", problem, "leave `near` out", code="api.value")
+        q = given[None] if given.ndim == 1 else given
+        if q.ndim != 2 or q.shape[1] != self._axes or not np.isfinite(q).all():
+            problem = f"must be angles (n, {self._axes}) in degrees or poses (n, 4, 4), but has the shape {given.shape}"
+            raise FileError("targets", problem, "give one row or one frame per target", code="api.shape")
+        found = corrected(self.rig, supports(self.rig), np.radians(q))
+        angles = np.where(found.done[:, None], np.degrees(found.q), np.nan)
+        turned = np.where(found.done, 0.0, np.nan)
+        return ArmAngles(angles, found.done, found.u_mm, found.covered, turned, found.u_frame_mm)
+
+    def _correct_poses(self, T: Array, near: Array | None) -> ArmAngles:
+        """Angles for poses, each near its own posture if several are given."""
+        postures = None if near is None else _numbers(near, "near")
+        if postures is None or postures.ndim == 1:
+            return self.inverse(T, postures)
+        if postures.shape != (len(T), self._axes):
+            problem = f"must have a row of {self._axes} angles per pose, but has the shape {postures.shape}"
+            raise FileError("near", problem, "give one posture, or one per pose", code="api.shape")
+        each = [self.inverse(pose, posture) for pose, posture in zip(T, postures, strict=True)]
+        parts = {field.name: [getattr(one, field.name) for one in each] for field in fields(ArmAngles)}
+        return ArmAngles(
+            **{
+                name: None if any(part is None for part in values) else np.concatenate(values)
+                for name, values in parts.items()
+            }
+        )
+
+    @property
+    def _is_measured(self) -> bool:
+        return self.rig.calibrated is not None or bool(self.rig.effects)
 
     @cached_property
     def _model(self) -> Model:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.report.diagnosis_report import write_extended
+from analysis.correction.model_files import write_extended
 from rigs.calibration import (
     TIMES,
     CalibratedModel,

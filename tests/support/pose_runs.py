@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis import calibrate
-from analysis.apps.report.diagnosis_report import write_model
+from analysis.correction.model_files import write_model
 from analysis.runs.loading import Measured, measured_of, rig_of
 from analysis.runs.tables import PoseTable, columns_of
 from daq.store import table_run

@@ -115,9 +115,9 @@ def fit_two_arms(
     from analysis.apps.pair.pair_table import read_pair_table
     from analysis.apps.pair.result import result_of
     from analysis.apps.report.blocks import say_answer
-    from analysis.apps.report.diagnosis_report import refuse_existing_rig
     from analysis.apps.report.html_page import check_page_file, is_page, write_html
     from analysis.apps.report.texts import texts_of
+    from analysis.correction.model_files import refuse_existing_rig
 
     (first, first_text), (second, second_text) = _two_rigs(first_file, second_file)
     page = output if output and is_page(output) else None

@@ -10,9 +10,9 @@ from analysis.apps.pair.fit_pair import FittedPair
 from analysis.apps.pair.plan_touches import PlannedTouches
 from analysis.apps.pair.result import PairResult
 from analysis.apps.report.blocks import Block, Heading, Row, Sentence, Table
-from analysis.apps.report.diagnosis_report import extended_files
 from analysis.apps.report.html_page import answer_page
 from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.correction.model_files import extended_files
 from analysis.runs.written_files import holding, write_all_new
 from rigs.schema.part import Vector
 

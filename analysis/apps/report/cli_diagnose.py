@@ -297,7 +297,7 @@ def calibrate(
 ) -> None:
     """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
     import analysis
-    from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
+    from analysis.correction.model_files import refuse_existing_rig, write_model
 
     if output:
         refuse_existing_rig(output)

@@ -412,7 +412,7 @@ class Passport:
         return none | known | {"changed": [name_of(effect) for effect in self.changed]}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Diagnosis(Tabular):
     """The complete result of a diagnosis."""
 
@@ -475,6 +475,10 @@ class Diagnosis(Tabular):
     passport: Passport | None = None
     """Distances of the real arm from its data sheet, its controller and the last visit; None without a model."""
 
+    def __repr__(self) -> str:
+        causes = ", ".join(name_of(name.effect) for name in self.standing) or "no cause confirmed"
+        return f"<diagnosis of {self.rig.name}, {len(self.runs)} runs: {self.condition}, {causes}>"
+
     @property
     def remainder(self) -> Residual:
         """Deprecated name of `residual`."""
@@ -524,8 +528,10 @@ class Diagnosis(Tabular):
 
     @property
     def extended_rig(self) -> Rig:
-        """The initial rig with the written effects."""
-        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
+        """The initial rig with the written effects and the calibrated model, for `calibrated_arm`."""
+        effects = (*self.rig.effects, *(name.effect for name in self.written))
+        calibrated = self.calibrated if self.is_modelled else None
+        return self.rig.model_copy(update={"effects": effects}).with_calibration(None, calibrated)
 
     def parts(self, is_meant: Callable[[BudgetPart], bool]) -> tuple[int, ...]:
         """Indices of some parts of the budget."""

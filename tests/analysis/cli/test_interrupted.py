@@ -8,8 +8,8 @@ import pytest
 
 from analysis import save_run, simulate
 from analysis.apps.report import diagnosis_report
-from analysis.apps.report.diagnosis_report import write_extended
 from analysis.apps.report.html_page import write_html
+from analysis.correction.model_files import write_extended
 from daq.store import read_run
 from rigs.effects import play_of_joint
 from rigs.load import SHIPPED

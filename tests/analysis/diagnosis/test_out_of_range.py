@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.apps.report.diagnosis_report import write, write_model
+from analysis.apps.report.diagnosis_report import write
+from analysis.correction.model_files import write_model
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.errors import FileError
 from rigs.load import load

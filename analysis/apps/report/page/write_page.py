@@ -25,7 +25,6 @@ from analysis.apps.report.act_words import without_idle_mounts
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.chart import ROLE_STYLES, Picture, live, still
 from analysis.apps.report.diagnosis_answer import Sections, sections_of, stairs_of, step_sentences, summary_parts
-from analysis.apps.report.diagnosis_report import calibration_file
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.apps.report.model_charts import residual_charts, simulated_charts
 from analysis.apps.report.page.accuracy import (
@@ -42,6 +41,7 @@ from analysis.apps.report.run_answer import columns_of, doubt_lines, doubts_of, 
 from analysis.apps.report.run_charts import circle_charts, joint_chart, target_charts
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, capital, joined, texts_of
+from analysis.correction.model_files import calibration_file
 from analysis.diagnosis.judge.acts import CORRECTED, Act, ActiveCorrection, open_acts
 from analysis.diagnosis.judge.comparison import Compared, compare
 from analysis.procedures.circle import CircleResult
