@@ -22,10 +22,9 @@ program CELL --for ur --test radial -o made
 import circle.csv --rig CELL --test yaw -o made
 import touches.csv --rig CELL --test touch -o made
 export-urdf CELL -o made
-parts CELL -o made
 correct CELL -o made
 versions CELL
-compare CELL CELL
+compare CELL paper-fanuc
 plan CELL --poses 6 -o made
 simulate CELL --test yaw --direction acw -o made
 simulate CELL --test roll --direction acw -o made

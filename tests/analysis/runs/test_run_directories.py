@@ -1,6 +1,9 @@
 from pathlib import Path
 
+import pytest
+
 from analysis.runs.batch import run_directories
+from rigs.errors import FileError
 from tests.analysis.runs.conftest import made
 
 EVERY = ["a/[x]*?", "a/deep/one", "a-b/first", "a.b/first", "b/early", "b/later", "b/without-manifest"]
@@ -10,10 +13,17 @@ def test_every_run_below_a_directory_in_the_order_of_names(plant):
     assert [str(run.relative_to(plant)) for run in run_directories([plant])] == EVERY
 
 
-def test_runs_stay_as_they_were_named_and_come_once(plant, monkeypatch):
+def test_runs_stay_in_the_order_in_which_they_were_named(plant, monkeypatch):
     monkeypatch.chdir(plant)
-    named = [Path("b/later"), Path("b"), plant / "b" / "later"]
-    assert run_directories(named) == [Path("b/later"), Path("b/early"), Path("b/without-manifest")]
+    assert run_directories([Path("b/later"), Path("a/deep")]) == [Path("b/later"), Path("a/deep/one")]
+
+
+@pytest.mark.parametrize("again", ("b", "b/later", "{plant}/b/later"))
+def test_a_run_that_is_named_twice_is_refused(plant, monkeypatch, again):
+    monkeypatch.chdir(plant)
+    with pytest.raises(FileError) as refused:
+        run_directories([Path("b/later"), Path(again.format(plant=plant))])
+    assert refused.value.code == "run.copy"
 
 
 def test_links_are_followed_and_lead_in_no_circle(plant, tmp_path_factory):
