@@ -193,13 +193,9 @@ class CalibratedArm:
             problem = f"must have a row of {self._axes} angles per pose, but has the shape {postures.shape}"
             raise FileError("near", problem, "give one posture, or one per pose", code="api.shape")
         each = [self.inverse(pose, posture) for pose, posture in zip(T, postures, strict=True)]
-        parts = {field.name: [getattr(one, field.name) for one in each] for field in fields(ArmAngles)}
-        return ArmAngles(
-            **{
-                name: None if any(part is None for part in values) else np.concatenate(values)
-                for name, values in parts.items()
-            }
-        )
+        parts: dict[str, Any] = {name.name: [getattr(one, name.name) for one in each] for name in fields(ArmAngles)}
+        missing = {name for name, values in parts.items() if any(part is None for part in values)}
+        return ArmAngles(**{n: None if n in missing else np.concatenate(values) for n, values in parts.items()})
 
     @property
     def _is_measured(self) -> bool:

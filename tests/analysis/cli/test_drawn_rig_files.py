@@ -24,7 +24,6 @@ import touches.csv --rig CELL --test touch -o made
 export-urdf CELL -o made
 correct CELL -o made
 versions CELL
-compare CELL paper-fanuc
 plan CELL --poses 6 -o made
 simulate CELL --test yaw --direction acw -o made
 simulate CELL --test roll --direction acw -o made

@@ -20,7 +20,7 @@ from typing import Any, get_args
 import numpy as np
 from markupsafe import Markup
 
-from analysis.api import Diagnosis, RigError, diagnose
+from analysis.api import RigError, diagnose
 from analysis.apps.report.act_words import without_idle_mounts
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.chart import ROLE_STYLES, Picture, live, still
@@ -44,6 +44,7 @@ from analysis.apps.report.texts import Language, Texts, capital, joined, texts_o
 from analysis.correction.model_files import calibration_file
 from analysis.diagnosis.judge.acts import CORRECTED, Act, ActiveCorrection, open_acts
 from analysis.diagnosis.judge.comparison import Compared, compare
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.joint_reversals import angle_difference, turns
