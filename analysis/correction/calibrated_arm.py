@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -194,8 +195,11 @@ class CalibratedArm:
             raise FileError("near", problem, "give one posture, or one per pose", code="api.shape")
         each = [self.inverse(pose, posture) for pose, posture in zip(T, postures, strict=True)]
         parts: dict[str, Any] = {name.name: [getattr(one, name.name) for one in each] for name in fields(ArmAngles)}
-        missing = {name for name, values in parts.items() if any(part is None for part in values)}
-        return ArmAngles(**{n: None if n in missing else np.concatenate(values) for n, values in parts.items()})
+        joined: dict[str, Any] = {
+            name: None if any(part is None for part in values) else np.concatenate(values)
+            for name, values in parts.items()
+        }
+        return ArmAngles(**joined)
 
     @property
     def _is_measured(self) -> bool:

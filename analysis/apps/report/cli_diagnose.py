@@ -41,7 +41,8 @@ from rigs.errors import RigError, UseError
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
-    from analysis import Diagnosis, Measured
+    from analysis import Measured
+    from analysis.diagnosis.judge.result import Diagnosis
     from rigs.rig import Rig
 
 

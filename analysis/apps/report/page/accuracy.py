@@ -10,12 +10,13 @@ from typing import Literal
 
 import yaml
 
-from analysis.api import Diagnosis, Result
+from analysis.api import Result
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import Summary
 from analysis.apps.report.texts import Texts, joined
 from analysis.correction.deviation import Deviation, Expected, Side, Work
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
 from analysis.procedures.shared.test_kind import labels_of
 from analysis.runs.tables import TESTS
