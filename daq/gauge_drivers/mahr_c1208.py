@@ -51,5 +51,8 @@ def _read(data: bytes, gauge: MahrC1208) -> Reading:
     match = _REPLY[gauge.protocol].fullmatch(data)
     if not match:
         return garbled(data)
+    has_sign = match[1][:1] in b"+-"
     number = match[1] if match[1][:1] in b"+- " else b" " + match[1]  # position of the omitted sign
-    return mm(number, gauge) if gauge.protocol == "m1240" else in_mm(number, match[2], gauge)
+    if gauge.protocol == "m1240":
+        return mm(number, gauge, omits_plus=not has_sign)
+    return in_mm(number, match[2], gauge, omits_plus=not has_sign)

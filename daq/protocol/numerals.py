@@ -1,8 +1,9 @@
 """Checks of the numbers from gauges and robots: format and range.
 
 Without a checksum, a lost or doubled character often gives another valid number. A gauge prints every number with the
-same decimals, and its length changes only where the value passes a power of ten (`+9.9985`, `+10.0012`). A digit that
-became another digit keeps the format; a line with parity shows it.
+same decimals, and its length changes only where the value passes a power of ten (`+9.9985`, `+10.0012`). A number
+filled up with blanks or zeros never changes its length. A digit that became another digit keeps the format; a line with
+parity shows it.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 from daq.protocol.conversation import Fault, FaultKind
 from daq.protocol.framing import Message
@@ -22,10 +24,14 @@ _LASTING = 3
 """Replies in a row that fix a format: with 1 damaged reply in 200, three damaged alike occur once in ten million."""
 _RECENT = 20
 _REACH = 3
-"""Distance that is near, as a multiple of the largest recent step.
+"""Distance that is near, as a multiple of the second largest recent step.
 
-The largest of 20 normal steps is about 2 sigma, so fewer than one in a hundred million lies further out.
+Of 20 normal steps it is about 1.5 sigma, so a false refusal, which costs two readings, occurs once in 100 000.
 """
+_RECENT_FIRST = 6
+"""First readings that are compared with each other."""
+_FILLED = re.compile(rb"[+-]? *0\d|.? \s*\d|[+-] ")
+"""Leading blanks (next to one for the sign) or zeros, which give all numbers the same length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,60 +42,139 @@ class PrintedNumber:
     mm: float = 1.0
     fields: int = 1
     """Count of numbers in the message if their order identifies the gauges."""
+    omits_plus: bool = False
+    """True if the number could be a negative one that lost its sign."""
+
+    @property
+    def decimals(self) -> int:
+        return len(self.text.strip().partition(b".")[2])
+
+    @property
+    def form(self) -> tuple[int, int, int]:
+        return self.decimals, self.fields, len(self.text)
+
+    @property
+    def is_filled(self) -> bool:
+        return bool(_FILLED.match(self.text))
+
+    def with_lost_character(self) -> Iterator[float]:
+        """Lengths with the same decimals from which the loss of a character makes this number."""
+        if self.omits_plus:
+            yield -self.value_mm
+        sign = -1 if b"-" in self.text else 1
+        whole, _, decimals = self.text.replace(b" ", b"").lstrip(b"+-").decode("ascii").partition(".")
+        for place in range(len(whole) + 1):
+            for digit in "0123456789":
+                yield sign * self.mm * float(f"{whole[:place]}{digit}{whole[place:]}.{decimals}")
 
 
 class NumberFormat:
     """Format in which a gauge prints its numbers: decimals, numbers in a message, and characters."""
 
     def __init__(self) -> None:
-        self._usual: tuple[int, int, int] | None = None
-        """Format of the last reading."""
+        self._usual: PrintedNumber | None = None
+        """Last reading."""
+        self._is_filled = False
         self._readings = 0
         """Readings in a row with these decimals."""
-        self._latest: tuple[int, int, int] | None = None
+        self._latest: PrintedNumber | None = None
         self._repeated = 0
         """Replies in a row in the latest format, readings or not."""
-        self._last_mm = math.nan
+        self._far = 0
+        """Replies in a row that are far from the last reading."""
         self._steps_mm: deque[float] = deque(maxlen=_RECENT)
+        self._first: list[PrintedNumber] = []
+        """First readings, until their format is certain."""
+        self._is_doubted = False
 
     def check(self, number: PrintedNumber, message: Message) -> tuple[bool, Fault | None]:
         """Whether the number is a reading, and the fault to report.
 
-        A length that differs is accepted near the last reading, or if a second reply has it; other decimals only while
-        fewer than three readings had the first ones.
+        A number that a lost character explains is accepted near the last reading, or if three replies in a row are
+        alike. Near zero, the first number without a minus is not recorded, without a fault. Other decimals are
+        accepted only while fewer than three readings had the first ones.
         """
-        decimals = len(number.text.strip().partition(b".")[2])
-        found, usual, fault = (decimals, number.fields, len(number.text)), self._usual, None
-        self._repeated = self._repeated + 1 if found == self._latest else 1
-        self._latest = found
-        last_digit_mm, step_mm = number.mm * 10.0**-decimals, abs(number.value_mm - self._last_mm)
-        if usual is not None and found[:2] != usual[:2]:
+        usual, latest, fault = self._usual, self._latest, None
+        self._repeated = self._repeated + 1 if latest and number.form == latest.form else 1
+        self._latest = number
+        if usual is not None and number.form[:2] != usual.form[:2]:
             if self._readings >= _LASTING or self._repeated <= self._readings:
                 return False, self._misprint(number, usual, message)
-            detail = f"previous readings had {_in_words(usual)}, all later ones {_in_words(found)}; they may be damaged"
-            fault, self._readings = message.fault(FaultKind.DOUBTFUL, detail, self._readings), 0
-        elif (
-            usual
-            and found != usual
-            and self._repeated == 1
-            and step_mm > _REACH * max(last_digit_mm, *self._steps_mm, 0)
-        ):
-            return False, self._misprint(number, usual, message)
+            detail = f"all later replies have {_in_words(number)} instead of {_in_words(usual)}"
+            fault = message.fault(FaultKind.DOUBTFUL, f"{_may_be_damaged(self._readings)}: {detail}", self._readings)
+            self._readings, self._first, self._is_filled = 0, [], False
+            self._steps_mm.clear()
+        elif usual is not None and self._is_far(number, usual):
+            self._far = min(self._far + 1, self._repeated)
+            if self._far < _LASTING:
+                return False, self._misprint(number, usual, message)
+            self._is_filled = False
+        elif usual is not None and self._may_lack_minus(number, usual, latest):
+            return False, None
         if usual is not None:
-            self._steps_mm.append(step_mm)
+            self._steps_mm.append(abs(number.value_mm - usual.value_mm))
+        self._far = 0
         self._readings += 1
-        self._usual, self._last_mm = found, number.value_mm
-        return True, fault
+        self._is_filled |= number.is_filled
+        self._usual = number
+        return True, fault or self._doubt_of_first(number, message)
 
-    def _misprint(self, number: PrintedNumber, usual: tuple[int, int, int], message: Message) -> Fault:
-        decimals = len(number.text.strip().partition(b".")[2])
-        if decimals != usual[0] and self._repeated >= _LASTING:
-            change = f"the gauge writes {decimals} decimals instead of {usual[0]}"
+    def _is_far(self, number: PrintedNumber, usual: PrintedNumber) -> bool:
+        """True if the number cannot follow the last reading, and a lost character explains it."""
+        is_longer = len(number.text) != len(usual.text)
+        if is_longer and self._is_filled:
+            return True
+        reach_mm = self._reach_mm(number)
+        if abs(number.value_mm - usual.value_mm) <= reach_mm:
+            return False
+        return is_longer or any(abs(mm - usual.value_mm) <= reach_mm for mm in number.with_lost_character())
+
+    def _may_lack_minus(self, number: PrintedNumber, usual: PrintedNumber, latest: PrintedNumber | None) -> bool:
+        """True for the first number without a minus near zero, where both signs are possible: it is not recorded."""
+        is_first = number.omits_plus and not usual.omits_plus and latest is usual
+        return is_first and abs(number.value_mm) > _REACH * self._last_digit_mm(number)
+
+    def _reach_mm(self, number: PrintedNumber) -> float:
+        steps_mm = sorted(self._steps_mm)[:-1]
+        return _REACH * max(self._last_digit_mm(number), *steps_mm[-1:], 0)
+
+    @staticmethod
+    def _last_digit_mm(number: PrintedNumber) -> float:
+        return number.mm * 10.0**-number.decimals * (1 + 1e-9)
+
+    def _doubt_of_first(self, number: PrintedNumber, message: Message) -> Fault | None:
+        """Fault for first readings that differ from the following ones as if they had lost a character."""
+        if len(self._first) > _RECENT_FIRST:
+            return None
+        self._first.append(number)
+        if self._is_doubted or len(self._first) <= _LASTING:
+            return None
+        for place, (first, following) in enumerate(pairwise(self._first[:-1]), 1):
+            step_mm = abs(following.value_mm - first.value_mm)
+            reach_mm = max(self._reach_mm(number), _REACH * abs(number.value_mm - self._first[-2].value_mm))
+            lost = (mm for mm in first.with_lost_character() if abs(mm - following.value_mm) <= reach_mm)
+            if step_mm > reach_mm and next(lost, None) is not None:
+                self._is_doubted = True
+                text = repr(first.text[:40])[1:]
+                detail = f"{_may_be_damaged(place)}: {text} is far from {following.value_mm:g} mm; check the cable"
+                return message.fault(FaultKind.DOUBTFUL, detail, place)
+        return None
+
+    def _misprint(self, number: PrintedNumber, usual: PrintedNumber, message: Message) -> Fault:
+        if number.decimals != usual.decimals and self._repeated >= _LASTING:
+            change = f"the gauge writes {number.decimals} decimals instead of {usual.decimals}"
             remedy = "in/mm was pressed, or the resolution was changed; switch it back; if it is meant, correct `units`"
             return message.fault(FaultKind.UNIT_CHANGED, f"{change}: {remedy} and restart rigd")
         text = repr(number.text[:40])[1:]
-        detail = f"{text} differs in form from previous replies, which had {_in_words(usual)}"
         damage = "a character is missing, doubled or wrong: check the cable and the line settings"
+        if number.form == usual.form:
+            detail = f"{text} is far from the previous {usual.value_mm:g} mm"
+        else:
+            detail = f"{text} differs in form from previous replies, which had {_in_words(usual)}"
+        if self._readings < _LASTING and not self._is_doubted:
+            self._is_doubted = True
+            detail = f"{_may_be_damaged(self._readings)}, or this one: {detail}"
+            return message.fault(FaultKind.DOUBTFUL, f"{detail}; {damage}", self._readings)
         return message.fault(FaultKind.MISSHAPEN, f"{detail}; {damage}")
 
 
@@ -99,8 +184,12 @@ def keep_formats(earlier: object, later: object) -> None:
         vars(new).update(vars(known))
 
 
-def _in_words(shape: tuple[int, int, int]) -> str:
-    decimals, fields, width = shape
+def _may_be_damaged(count: int) -> str:
+    return "the first reading may be damaged" if count == 1 else f"the first {count} readings may be damaged"
+
+
+def _in_words(number: PrintedNumber) -> str:
+    decimals, fields, width = number.form
     numbers = f", {fields} to a message" if fields > 1 else ""
     return f"{width} characters with {decimals} decimals{numbers}"
 

@@ -32,8 +32,11 @@ class Trouble:
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
     then: Then = Then.PAUSE
+    count: int = 1
 
 
+_WITHHELD = Trouble("", then=Then.ASK)
+"""A number that is possibly wrong by its nature: neither a reading nor a fault."""
 Reading = float | PrintedNumber | Trouble
 """Reading in mm, a reading with its text, or the reason for its absence."""
 
@@ -48,23 +51,23 @@ def printable_message(data: bytes) -> str:
     return repr(data[:60])[1:]
 
 
-def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
-    """Number in the units of the gauge as a reading in mm, ignoring blanks. fields: as in `PrintedNumber`."""
+def mm(number: bytes, gauge: Probe, fields: int = 1, *, omits_plus: bool = False) -> Reading:
+    """Number in the units of the gauge as a reading in mm, ignoring blanks. The rest is as in `PrintedNumber`."""
     value_mm = float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
     if refused := refusal(value_mm, gauge):
         kind, detail = refused
         return Trouble(detail, kind)
-    return PrintedNumber(value_mm, number, MM_PER_UNIT[gauge.units], fields)
+    return PrintedNumber(value_mm, number, MM_PER_UNIT[gauge.units], fields, omits_plus)
 
 
-def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
+def in_mm(number: bytes, unit: bytes, gauge: Probe, *, omits_plus: bool = False) -> Reading:
     """Number with a transmitted unit as a reading in mm.
 
     Another unit than that of the rig file is never converted, because either the gauge or the file is wrong.
     """
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
-        return mm(number, gauge)
+        return mm(number, gauge, omits_plus=omits_plus)
     return wrong_unit(sent or printable_message(unit), gauge.units)
 
 
@@ -76,7 +79,8 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
     faults, values_mm = dict[Trouble, Fault](), list[float]()
     for reading in readings:
         if isinstance(reading, Trouble):
-            faults[reading] = message.fault(reading.kind, reading.detail)
+            if reading is not _WITHHELD:
+                faults[reading] = message.fault(reading.kind, reading.detail, reading.count)
             values_mm.append(math.nan)
         else:
             values_mm.append(reading.value_mm if isinstance(reading, PrintedNumber) else reading)
@@ -95,7 +99,9 @@ def check_formats(
         if fault and good:
             doubts.append(fault)
         elif fault:
-            checked[place] = Trouble(fault.detail, fault.kind, Then.ASK)  # the message was complete
+            checked[place] = Trouble(fault.detail, fault.kind, Then.ASK, fault.count)  # the message was complete
+        elif not good:
+            checked[place] = _WITHHELD
     return checked, tuple(doubts)
 
 
@@ -130,7 +136,7 @@ class TextDialect(Generic[ProbeT]):
         read = [self._read(message.data, gauge) for gauge in self._gauges]
         readings, doubts = check_formats(read, self.formats, message)
         items = items_of(message, requested_ns, readings)
-        if isinstance(items[0], Sample):
+        if not items or isinstance(items[0], Sample):
             return Reply((*items, *doubts))
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
         return Reply(items, next(then for then in (Then.DRAIN, Then.PAUSE, Then.ASK) if then in thens))
