@@ -17,6 +17,7 @@ Reason = Literal[
     "arc_centre",
     "arc_turns",
     "changed",
+    "shared_variable",
     "offset",
     "displaced",
     "tracked",
@@ -58,6 +59,7 @@ WHY: dict[Reason, str] = {
     "arc_turns": "is on an arc along which the tool turns with the tangent: the orientation there is not as written, "
     "or is unknown",
     "changed": "is also used, or assigned, elsewhere in the program",
+    "shared_variable": "is a variable that all jobs of the controller share: give the directory with all its jobs",
     "offset": "is reached with an offset that is unknown, or for which the correction of the point is wrong",
     "displaced": "is moved by a displacement that is or may be active there",
     "tracked": "is, or may be, followed on a conveyor, or moved by a sensor or a force, there",

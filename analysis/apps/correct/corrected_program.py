@@ -21,7 +21,16 @@ from analysis.apps.correct.stated_points import StatedPoints
 from analysis.apps.makers.numbers import frame_numbers, frame_of, joint_numbers, joints_of, replaced, written
 from analysis.apps.makers.points import is_moved
 from analysis.apps.makers.reading import as_bytes
-from analysis.apps.makers.target import AT_BEGIN, NamedFrame, Notice, Number, Parsed, Target, UncorrectedTarget
+from analysis.apps.makers.target import (
+    AT_BEGIN,
+    NamedFrame,
+    Notice,
+    Number,
+    Parsed,
+    ProgramTexts,
+    Target,
+    UncorrectedTarget,
+)
 from analysis.correction.corrected_targets import NotCorrected, WorkError
 from analysis.correction.point_origins import NewPoints, PointOrigin, merged
 from analysis.correction.reasons import Reason
@@ -195,7 +204,7 @@ def correct_program(
         rounded_um=np.array([*rounded_um.values()]),
         left=tuple(left),
         beside_left_mm=moved_mm[_beside_left(parsed, set(kept), right)],
-        sources=texts.names,
+        sources=(*texts.names, *texts.unread),
         overruled=tuple(
             named
             for named in parsed.sets
@@ -205,7 +214,7 @@ def correct_program(
         given_away_mm=shared.kept_mm[kept],
         shared=shared.of(kept),
         changed=changed,
-        notices=(*parsed.notices, *offline[:1]),
+        notices=(*parsed.notices, *offline[:1], *_unread(texts)),
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
@@ -251,6 +260,11 @@ def _groups(
         if rows:
             groups.append(PointGroup(origin, names, moved, tool_mm, done.u_mm[rows], done.errors.get(kind)))
     return tuple(groups)
+
+
+def _unread(texts: ProgramTexts) -> list[Notice]:
+    fact = "the file is encoded or binary and was not read: rig knows neither its routines nor what they write"
+    return [Notice(len(texts.names) + k, 1, fact) for k in range(len(texts.unread))]
 
 
 def _needs_start(parsed: Parsed) -> bool:

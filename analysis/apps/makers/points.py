@@ -231,7 +231,8 @@ def _registers(usage: Usage) -> Iterator[NamedFrame]:
 def _reasons(point: Point) -> Iterator[_Because]:
     """Yield the reasons for leaving a point uncorrected, the strongest first."""
     target, usages = point.target, point.usages
-    if point.reason and (usages or point.reason != "unused"):
+    shared = point.reason == "shared_variable"
+    if point.reason and not shared and (usages or point.reason != "unused"):
         yield point.reason, ()
     if point.changed:
         yield "changed", (point.changed,)
@@ -250,6 +251,8 @@ def _reasons(point: Point) -> Iterator[_Because]:
     for usage in by_angles:
         if usage.move.near != by_angles[0].move.near:
             yield "two_postures", (_unknown_at(by_angles[0], "one move"), _unknown_at(usage, "another move"))
+    if shared:  # The reason that remains if the directory is given comes first.
+        yield "shared_variable", ()
 
 
 def _displacements(point: Point) -> Iterator[_Because]:

@@ -24,7 +24,7 @@ _MOST_FILES = 3000
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """Read the files of a program, or of all programs in a directory and below it, by name, the data list last.
 
-    Raises FileError.
+    Encoded files of a directory are omitted. Raises FileError.
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
@@ -36,19 +36,35 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     else:
         beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
         named = {file.name: file for file in [path, *(file for file in beside if file.exists())][:2]}
-    return maker, {name: _text(file) for name, file in named.items()}
+    found = {name: _text(file, is_only=not path.is_dir()) for name, file in named.items()}
+    texts = {name: text for name, text in found.items() if text is not None}
+    if not texts:
+        raise _encoded(path)
+    return maker, texts
 
 
-def _text(file: Path) -> str:
+def _text(file: Path, *, is_only: bool) -> str | None:
+    """Text of a file, or None if it is encoded. Raises FileError for an encoded file that is the only one."""
     try:
         content = read_bytes(file, MOST_BYTES)
     except OSError as error:
         problem, remedy = error.strerror or str(error), "check the path and the permissions"
         raise FileError(str(file), problem, remedy, code="program.unreadable") from None
-    if b"\0" in content:
-        remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
-        raise FileError(str(file), "is a binary file or UTF-16 text", remedy, code="program.encoding")
+    if _is_encoded(content):
+        if is_only:
+            raise _encoded(file)
+        return None
     return content.decode(ENCODING)
+
+
+def _is_encoded(content: bytes) -> bool:
+    """True for content that is no text: binary, encrypted, or UTF-16."""
+    return b"\0" in content
+
+
+def _encoded(path: Path) -> FileError:
+    problem, remedy = "is encoded, binary or UTF-16 text", "give the program as ASCII, Latin-1 or UTF-8 text"
+    return FileError(str(path), problem, remedy, code="program.encoding")
 
 
 def _maker_of_directory(path: Path) -> Maker:
@@ -64,7 +80,8 @@ def programs_at(path: Path) -> list[Path]:
     """List the programs at a path. A directory is a single program if its files share data and routines."""
     if not path.is_dir() or (maker := _maker_of_directory(path)).reader.is_together:
         return [path]
-    return list(_tree(path, maker.files.suffixes).values())
+    files = list(_tree(path, maker.files.suffixes).values())
+    return [file for file in files if not _is_encoded(read_bytes(file, MOST_BYTES))] or files[:1]
 
 
 def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str, Path]:
@@ -91,7 +108,7 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     own = {full / name if path.is_dir() else full.parent / name for name in files}
     tree = _tree(root, reader.beside, deep=path.is_dir() or backup is not None) if reader.beside else {}
     data = {name: read_bytes(file, MOST_BYTES) for name, file in tree.items() if file not in own}
-    read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
+    read_beside = {name: content.decode(ENCODING) for name, content in data.items() if not _is_encoded(content)}
     if neutral and not reader.empty:
         problem = f"is not possible for {maker.files.label}: a program is a single file"
         raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="program.neutral")
@@ -99,7 +116,9 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     absent = tuple(dict.fromkeys(name for name in neutral if name.upper() not in stems))
     read_beside |= {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in absent}
     texts = (*files.values(), *read_beside.values())
-    return maker, ProgramTexts((*files, *read_beside), texts, len(files), absent)
+    unread = tuple(name for name in data if name not in read_beside)
+    names, is_directory = (*files, *read_beside), path.is_dir()
+    return maker, ProgramTexts(names, texts, len(files), absent, unread=unread, is_directory=is_directory)
 
 
 MARK, CONVERTED = "corrected by rig", "converted by rig"

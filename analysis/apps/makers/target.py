@@ -152,3 +152,7 @@ class ProgramTexts:
     """Names of routines that change nothing, as stated by the user; they have empty texts."""
     machine_unit: LengthUnit = "mm"
     """Unit of the lengths in the controller."""
+    unread: tuple[str, ...] = ()
+    """Names of encoded files, which have no text here."""
+    is_directory: bool = False
+    """True if the user gave the directory of all programs."""

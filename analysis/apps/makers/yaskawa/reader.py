@@ -5,8 +5,8 @@ language (RE-CKI-A457). BASE and ROBOT refer to the robot's base, because poses 
 (BC, BP), which carries the arm, at zero. Station axes (EC, EX) matter only if the move is coordinated with them
 (SMOVL). Pulses are joint angles and depend on neither.
 
-The controller takes the values of position variables (P) when it loads a job, and all jobs share them: a variable that
-another job also contains is not corrected.
+The controller takes the values of position variables (P) when it loads a job, and all jobs share them. They are
+corrected only in a directory with all jobs, in every job that contains their values, if these are equal.
 """
 
 from __future__ import annotations
@@ -85,6 +85,9 @@ _FLOW = {
 }  # fmt: skip
 
 
+_SHARED = "position variables (P) are shared by all jobs of the controller: the directory has to contain all of them"
+
+
 @dataclass
 class _State:
     """Settings for the positions that follow."""
@@ -96,12 +99,16 @@ class _State:
 
 
 class _InformReader(ProgramParser):
-    """Only the positions of the first file are points."""
-
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK)
+        self.is_complete = program.is_directory
+        """True if the user gave the directory of all jobs, and not a single job."""
+        self.variables: dict[int, list[str]] = {}
+        """Keys of the points of a position variable: one for each job with its values."""
         self.base_at: dict[str, str] = {}
         """Position of the base axis, off at zero, by the key of its BC."""
+        self.job = ""
+        """Key of the current job, by file and line."""
         self.is_foreign = False
         self.frame: str | None = None
         for file, text in enumerate(self.texts):
@@ -110,36 +117,51 @@ class _InformReader(ProgramParser):
             for number, name in (jobs or {"": self.names[file].rpartition(".")[0]}).items():
                 self.defined.setdefault(name.upper(), []).append(f"{file}:{number}")
             self.points.axes |= {"BC"} if _BASE_AXIS.search(text) else set()
-        self.group = next(iter(_GROUP.findall(self.texts[0])), "")
-        """The robot of the first job, whose jobs are corrected."""
+        groups = [group for text in self.texts[: self.own] for group in _GROUP.findall(text)]
+        self.group = _FIRST_ROBOT if _FIRST_ROBOT in groups else next(iter(groups), "")
+        """The robot whose jobs are corrected."""
         if self.group not in ("", _FIRST_ROBOT):
             fact = f"the jobs move {self.group}, not the first robot of the controller: is the rig file that robot's?"
             self.points.notices.append(Notice(0, 1, fact))
 
     def named(self, name: str) -> list[str]:
         jobs = super().named(name)
-        own = [job for job in jobs if job.startswith("0:")]
-        return own if len(own) == 1 else jobs
+        same = [job for job in jobs if job.startswith(f"{self.file}:")]
+        own = [job for job in jobs if int(job.partition(":")[0]) < self.own]
+        return next((found for found in (same, own) if len(found) == 1), jobs)
 
-    def key(self, kind: str, number: str) -> str:
-        """Key of a position, which belongs to a job, or of a variable, which all jobs share."""
-        return f"{'' if kind == 'P' else self.routine}/{kind}{int(number)}"
+    def keys(self, kind: str, number: str) -> list[str]:
+        """Keys of a position, which belongs to a job, or of a variable, which all jobs share."""
+        return self.variables.get(int(number), []) if kind == "P" else [f"{self.job}/{kind}{int(number)}"]
+
+    def declare(self, file: int) -> None:
+        """Read the positions of the jobs in a file."""
+        self.job, state, is_moving = f"{file}:", _State(), False
+        for number, line in enumerate(self.lines(file)):
+            if line.startswith(("/JOB", "//NAME")):
+                self.job = f"{file}:{number}" if line.startswith("//NAME") else self.job
+                state, is_moving = _State(), False
+            elif line.startswith("//INST"):
+                is_moving = True
+            elif not is_moving:
+                self._position(line, state)
 
     def read(self, file: int) -> None:
-        self.begin_routine(f"{file}:")
-        state, is_moving, has_moves = _State(), False, False
+        """Read the instructions of the jobs in a file."""
+        self.job = f"{file}:"
+        self.begin_routine(self.job)
+        is_moving = has_moves = False
         for number, line in enumerate(self.lines(file)):
             if line.startswith(("/JOB", "//NAME")):
                 if line.startswith("//NAME"):
                     self.routine = self.routine if has_moves else None  # Only a job with instructions is a routine.
-                    self.begin_routine(f"{file}:{number}")
+                    self.job = f"{file}:{number}"
+                    self.begin_routine(self.job)
                     has_moves = False
-                state, is_moving, self.frame, self.is_foreign = _State(), False, None, False
+                is_moving, self.frame, self.is_foreign = False, None, False
             elif line.startswith("//INST"):
                 is_moving = has_moves = True
-            elif not is_moving:
-                self._position(line, state)
-            else:
+            elif is_moving:
                 self._instruction(line.strip())
         self.end_routine()
 
@@ -158,7 +180,7 @@ class _InformReader(ProgramParser):
         position = _POSITION.fullmatch(line)
         if not position or position[1] in ("BP", "EC", "EX"):
             return
-        key = self.key(position[1], position[2])
+        key = f"{self.job}/{position[1]}{int(position[2])}"
         numbers = numbers_in(line, *position.span(3), self.at) or ()
         if position[1] == "BC":
             self.base_at[key] = "moved" if any(number.value for number in numbers) or not numbers else OFF
@@ -168,10 +190,27 @@ class _InformReader(ProgramParser):
             form: Form = "pulses" if pulses else "roll_pitch_yaw"
             name = f"{position[1]}{position[2]}"
             reason: Reason | None = "external_axes" if len(numbers) > 6 else None if len(numbers) == 6 else "incomplete"
-            target = Target(name, 0, self.line(), form, numbers, state.tool, frame, flags)
+            if position[1] == "P" and not self.is_complete:
+                reason = reason or "shared_variable"
+            target = Target(name, self.file, self.line(), form, numbers, state.tool, frame, flags)
             self.points.declare(key, target, reason)
-        elif position[1] == "P":  # The job loaded last determines the variable.
-            self.change(key)
+            if position[1] == "P":
+                self._share(int(position[2]), key)
+
+    def _share(self, number: int, key: str) -> None:
+        """Add the values of a variable. Different ones are uncertain: the job loaded last determines the variable."""
+        keys, declared = self.variables.setdefault(number, []), self.points.declared
+        if key in keys:
+            return
+        keys.append(key)
+        if _meaning(declared[keys[0]].target) != _meaning(declared[key].target):
+            self.change(keys[0])
+        if declared[keys[0]].changed:
+            place = declared[keys[0]].target
+            for other in keys[1:]:
+                self.points.change(other, place.file, place.line)
+        if not self.points.notices or self.points.notices[-1].text != _SHARED:
+            self.points.notices += [Notice(self.file, self.line(), _SHARED)] * self.is_complete
 
     def _instruction(self, text: str) -> None:
         if text.startswith("///") or not text:
@@ -214,9 +253,9 @@ class _InformReader(ProgramParser):
             self.forget(family, why)
 
     def _mentioned(self, text: str) -> None:
-        keys = [self.key(mention[1][0], mention[2]) for mention in _NAME.finditer(text)]
+        keys = [key for mention in _NAME.finditer(text) for key in self.keys(mention[1][0], mention[2])]
         if _ANY_VARIABLE.search(text):
-            keys += [key for key in self.points.declared if key.startswith("/P")]
+            keys += [key for of_variable in self.variables.values() for key in of_variable]
         for key in keys:
             self.change(key)
 
@@ -255,18 +294,24 @@ class _InformReader(ProgramParser):
             return
         base = _OF_BASE.search(options)
         if base or _OF_BASE.fullmatch(name):
-            at = self.base_at.get(self.key(base[1], base[2])) if base else None
+            at = self.base_at.get(f"{self.job}/{base[1]}{int(base[2])}") if base else None
             self.set(_BASE_PART, self.why("a variable states the base axis") if at is None else at)
         options = _OF_BASE.sub("", _OF_STATION.sub("", options))
         point = _POINT.fullmatch(name)
-        key = self.key(point[1], point[2]) if point else ""
+        keys = [key for key in (self.keys(point[1], point[2]) if point else ()) if key in self.points.declared]
         is_relative = move["kind"].endswith("IMOV")
         reason: Reason | None = "relative" if is_relative else "other_robot" if self.is_foreign else None
-        if reason or key not in self.points.declared or not (self.is_own or key.startswith("/")):
+        if reason or not keys:
             if reason != "other_robot":
                 self._mentioned(name)
             self.leave(reason or "not_literal", name, relative=is_relative)
             return
+        for key in keys:
+            self._move_to(key, move["kind"], options, other_group)
+        if _UNTIL.search(options):
+            self.add(Elsewhere())
+
+    def _move_to(self, key: str, kind: str, options: str, other_group: str) -> None:
         unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
         target = self.points.declared[key].target
         tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
@@ -280,13 +325,11 @@ class _InformReader(ProgramParser):
         needs: Needs = (
             ("displaced", Ref("shift")),
             ("tracked", "on" if _TRACKED.search(options) else Ref("tracking")),
-            ("coordinated", "on" if move["kind"].startswith("S") or "SMOV" in other_group else OFF),
+            ("coordinated", "on" if kind.startswith("S") or "SMOV" in other_group else OFF),
             ("not_understood", self.why(f"{unknown} is unknown here") if unknown else OFF),
         )
-        way = "joint" if move["kind"].endswith("MOVJ") else "line"
+        way = "joint" if kind.endswith("MOVJ") else "line"
         self.add(Move(key, way, self.file, self.line(), tool, frame, needs))
-        if _UNTIL.search(options):
-            self.add(Elsewhere())
 
     def initial(self, variable: str) -> Value:
         family, _, number = variable.partition("[")
@@ -295,8 +338,9 @@ class _InformReader(ProgramParser):
 
 def parse(program: ProgramTexts) -> Parsed:
     reader = _InformReader(program)
-    for file in range(len(program.texts)):
-        reader.read(file)
+    for step in (reader.declare, reader.read):
+        for file in range(len(program.texts)):
+            step(file)
     return reader.points.parsed(reader.program(kept=("USER[", "TOOL["), cycles=True))
 
 
@@ -316,12 +360,19 @@ def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
     return relative if isinstance(relative, Unknown) else frame[0] if frame else name
 
 
+def _meaning(target: Target) -> tuple[object, ...]:
+    """What equal values of a variable have in common."""
+    flags = target.flags.values if target.flags else ()
+    return target.form, tuple(number.value for number in target.numbers), target.tool, target.frame, flags
+
+
 READER = ProgramReader(
     parse,
     _DECIMALS,
     Remark("'", width=32, before={".jbi": re.compile(rb"^[ \t]*END\b", re.MULTILINE)}),
     null_frames=("base",),
     beside=(".jbi",),
+    is_together=True,
     empty="/JOB\n//NAME {0}\n//POS\n//INST\nNOP\nEND\n",
 )
 """Comments have at most 32 characters (RE-CKI-A457)."""

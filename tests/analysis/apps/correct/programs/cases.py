@@ -1,11 +1,11 @@
 """Programs with the places that stay uncorrected, read from the files in `cases`, one file for each maker.
 
-A case begins with a line `=== name`, followed by the program of the cell. A line `--- part` begins another part: a file
-beside the program, a part named in `_program`, `neutral` (routines stated as neutral) or `start` (joint angles in
-degrees). `<<< reason` at the end of a line lists what stays uncorrected there. For FANUC and Yaskawa, whose positions
-belong to the cell, a line `>>> name reason` lists it. All other targets have to be corrected. {tcp}, {other} and {head}
-are lines of `cells`; a program of LinuxCNC follows the head there. A listing of FANUC selects frame and tool before
-each line, except in a part `as it stands`.
+A case begins with a line `=== name`, followed by the program of the cell. A line `--- part` begins another part: a
+file beside the program, a part named in `_program`, `neutral` (routines stated as neutral) or `start` (joint angles in
+degrees), or `directory` (the directory is corrected, and not only the program). `<<< reason` at the end of a line
+lists what stays uncorrected there. For FANUC and Yaskawa, whose positions belong to the cell, a line `>>> name reason`
+lists it. All other targets have to be corrected. {tcp}, {other} and {head} are lines of `cells`; a program of LinuxCNC
+follows the head there. A listing of FANUC selects frame and tool before each line, except in a part `as it stands`.
 """
 
 from __future__ import annotations
@@ -53,10 +53,13 @@ class Case:
     """File and line, or name, of each place that stays uncorrected, and the reason."""
     neutral: tuple[str, ...]
     start: tuple[float, ...] | None
+    is_directory: bool
 
     def corrected(self, directory: Path, ends: str = "\n") -> CorrectedProgram:
         options = {"ends": ends, "start": self.start, "neutral": self.neutral}
-        return corrected_files(self.rig, directory, self.files, *STATED.get(self.maker, ()), **options)
+        return corrected_files(
+            self.rig, directory, self.files, *STATED.get(self.maker, ()), is_directory=self.is_directory, **options
+        )
 
     def left_in(self, found: CorrectedProgram) -> list[tuple[str, str]]:
         return sorted(
@@ -77,13 +80,14 @@ def case_of(maker: str, text: str) -> Case:
     first, *others = re.split(r"^--- (.*)\n", re.sub(r"^>>> .*\n", "", text, flags=re.MULTILINE), flags=re.MULTILINE)
     parts = dict(zip(others[::2], others[1::2], strict=True))
     neutral, start = tuple(parts.pop("neutral", "").splitlines()), parts.pop("start", "")
+    is_directory = parts.pop("directory", None) is not None
     rig, files = _program(maker, first, parts)
     for name, program in files.items():
         for number, line in enumerate(program.split("\n"), start=1):
             left += [(f"{name}:{number}", why) for why in line.partition("<<<")[2].split()]
     plain = {name: re.sub(r"[ \t]*<<<.*", "", program) for name, program in files.items()}
     angles = tuple(np.radians([float(angle) for angle in start.split(",")]).tolist()) if start else None
-    return Case(maker, rig, plain, sorted(left), neutral, angles)
+    return Case(maker, rig, plain, sorted(left), neutral, angles, is_directory)
 
 
 def _program(maker: str, text: str, parts: Files) -> tuple[Rig, Files]:

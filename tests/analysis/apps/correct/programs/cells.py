@@ -39,11 +39,17 @@ def corrected_cell(
 
 
 def corrected_files(
-    rig: Rig, directory: Path, files: Files, *stated: Sequence[str], ends: str = "\n", **options: Any
+    rig: Rig,
+    directory: Path,
+    files: Files,
+    *stated: Sequence[str],
+    ends: str = "\n",
+    is_directory: bool = False,
+    **options: Any,
 ) -> CorrectedProgram:
-    """Corrected text of the first file, which is corrected together with the others."""
+    """Corrected text of the first file, which is corrected together with the others, or of the directory."""
     write_files(directory, files, ends)
-    return corrected(rig, directory / next(iter(files)), *stated, **options)
+    return corrected(rig, directory if is_directory else directory / next(iter(files)), *stated, **options)
 
 
 def write_files(directory: Path, files: Files, ends: str = "\n") -> None:
@@ -312,7 +318,7 @@ def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
 
 def yaskawa_files(files: Files, more: str = "") -> tuple[Rig, Files]:
     """Jobs; {pos} are the positions C1 and C2 in user frame 4, and C3 in the base, all in tool 3. {c3} is the pose of
-    the last one.
+    the last one, and {p20} are the positions of a job with this pose in the variable 20.
 
     more: further positions of the first job."""
     rig = rig_of("yaskawa-gp7")
@@ -324,6 +330,12 @@ def yaskawa_files(files: Files, more: str = "") -> tuple[Rig, Files]:
         f"C00001={poses[0]}\nC00002={poses[1]}\n///POSTYPE BASE\n///RECTAN\n///RCONF {form}\nC00003={poses[0]}\n"
         "{more}//INST\n///DATE 2026/01/21 16:46\n///ATTR SC,RW\n///GROUP1 RB1\nNOP\n"
     )
+    head = pos.partition("C00001")[0]
+    variable = f"{head}///POSTYPE BASE\n///RECTAN\n///RCONF {form}\nP00020={poses[0]}\n//INST\nNOP\n"
+    files = {
+        name: text.replace("{p20}", variable).replace("{p20 in tool 5}", variable.replace("TOOL 3", "TOOL 5"))
+        for name, text in files.items()
+    }
     texts = {name: text.replace("{pos}", pos).replace("{more}", more, 1) for name, text in files.items()}
     return rig, {name: text.replace("{more}", "").replace("{c3}", poses[0]) for name, text in texts.items()}
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers.abb.instructions import EFFECTS, FUNCTIONS, MOVE, SWITCHES
+from analysis.apps.makers.reading import programs_at
 from rigs.schema.robot import Rail
 from tests.analysis.apps.correct.programs.cases import case_of, cases_of
 from tests.analysis.apps.correct.programs.cells import (
@@ -95,3 +96,24 @@ def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(q_deg, 
 def test_files_of_a_program(name, tmp_path):
     files = {name: module_of("MoveAbsJ {q0},v9,fine,t;\nMoveL {p1},v9,fine,t;\n")["a.mod"]}
     assert len(corrected_cell("abb", tmp_path, files).names) == 2
+
+
+@pytest.mark.parametrize(
+    "encoded", [b"MODULE x\0\x93\x17ENDMODULE", bytes(range(256)) * 4, "MODULE x".encode("utf-16")]
+)
+def test_encoded_module_leaves_the_others_corrected_and_is_listed(encoded, tmp_path):
+    rig, files = abb_files(module_of("MoveJ {p1},v9,fine,t;\nMoveL {p2},v9,fine,t;\n"))
+    write_files(tmp_path, files)
+    (tmp_path / "secret.mod").write_bytes(encoded)
+    assert programs_at(tmp_path) == [tmp_path / "a.mod"]
+    found = corrected(rig, tmp_path / "a.mod")
+    assert len(found.names) == 2 and not found.left
+    assert [found.sources[one.file] for one in found.notices] == ["secret.mod"]
+
+
+def test_call_of_an_encoded_module_makes_the_state_unknown(tmp_path):
+    rig, files = abb_files(module_of("MoveJ {p1},v9,fine,t;\nSecret;\nMoveL {p2},v9,fine,t;\n"))
+    write_files(tmp_path, files)
+    (tmp_path / "secret.mod").write_bytes(b"MODULE x\0\x93")
+    found = corrected(rig, tmp_path / "a.mod")
+    assert [one.reason for one in found.left] == ["not_understood", "not_understood"]
