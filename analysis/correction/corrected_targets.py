@@ -48,7 +48,7 @@ from analysis.robot.kinematics.arm import (
     rail_mm,
 )
 from analysis.robot.kinematics.inverse import inverse
-from analysis.robot.kinematics.joint_limits import within_limits
+from analysis.robot.kinematics.joint_limits import turned_into, within_limits
 from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
 from analysis.robot.predict import Model
 from rigs.rig import Rig
@@ -349,5 +349,7 @@ def beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
     for k, axis in np.argwhere(outside).tolist():
         low, high = np.degrees(arm.limits[axis])
         stands = f"axis {axis + 1} would be at {np.degrees(q[k, axis]):.3f}°, beyond the limits {low:g}° and {high:g}°"
+        turned = float(np.degrees(turned_into(joints[k], arm.limits)[axis]))
+        stands += f"; {turned:.3f}° is the same posture" * bool(low <= turned <= high)
         beyond.setdefault(k, NotCorrected(k, "beyond_limits", stands))
     return list(beyond.values())

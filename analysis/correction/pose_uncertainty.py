@@ -18,12 +18,14 @@ from analysis.correction.work import TaughtFrame, at_rest, tool_poses, used_effe
 from analysis.diagnosis.evidence.observation import BEYOND_DEG
 from analysis.procedures.shared.quantity import parameter_label
 from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask, pose_error
+from analysis.robot.kinematics.joint_limits import turned_into
 from analysis.robot.predict import Model, apply, driven, model_of, moved, posed
 from rigs.calibration import TIMES, CalibratedModel, CovarianceParameter, verdict_of
 from rigs.effects import Effect, turned
 from rigs.rig import Rig
 from rigs.schema.effect import healthy_size, label_of, size_field
 
+_MARGIN_RAD = float(np.radians(BEYOND_DEG))
 _STEP_DEG = 1e-3
 """Step of the derivatives by a joint angle: the tool of a one-metre arm moves by 17 µm."""
 _SMALL = 1e-3
@@ -157,6 +159,13 @@ class PoseUncertainty:
         ranges = np.radians(np.array(ranges_deg))
         return np.stack([ranges[:, :, 0].max(axis=0), ranges[:, :, 1].min(axis=0)], axis=1)
 
+    def turned_into_runs(self, q: Array, slack_rad: float = _MARGIN_RAD) -> Array:
+        """Joint angles q (n, axes) rad in the turns of the runs, followed by the rail position in m."""
+        ranges, axes = self.joints_rad, len(self.rig.robot.axes)
+        if ranges is None:
+            return q
+        return np.hstack([turned_into(q[:, :axes], ranges[:axes], slack_rad), q[:, axes:]])
+
     def is_within_reach(self, q: Array) -> Mask:
         """Mask (n,) of postures with the ball no further from touched sockets than validated.
 
@@ -226,8 +235,8 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
     joints = uncertainty.joints_rad
     if joints is None:
         return None
-    margin, known_of = np.radians(BEYOND_DEG), q[:, : len(joints)]
-    inside: Mask = ((known_of >= joints[:, 0] - margin) & (known_of <= joints[:, 1] + margin)).all(axis=1)
+    known_of = uncertainty.turned_into_runs(q)[:, : len(joints)]
+    inside: Mask = ((known_of >= joints[:, 0] - _MARGIN_RAD) & (known_of <= joints[:, 1] + _MARGIN_RAD)).all(axis=1)
     return inside & uncertainty.is_within_reach(q)
 
 
@@ -238,7 +247,8 @@ def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         return [""] * len(q)
     low, high = np.degrees(joints[: len(rig.robot.axes)]).T
     reasons = []
-    for at_deg, is_inside in zip(np.degrees(q[:, : len(low)]), inside, strict=True):
+    turned = uncertainty.turned_into_runs(q)[:, : len(low)]
+    for at_deg, is_inside in zip(np.degrees(turned), inside, strict=True):
         beyond = [
             f"{rig.robot.axis_words(k + 1)} at {at_deg[k]:z.1f}°, in the runs {low[k]:z.1f}° to {high[k]:z.1f}°"
             for k in np.flatnonzero((at_deg < low - BEYOND_DEG) | (at_deg > high + BEYOND_DEG)).tolist()

@@ -67,11 +67,11 @@ class Corrections:
     def in_vain(self) -> dict[Path, str]:
         """Paths and programs without a certain gain, each with the reason."""
         nothing = "corrected targets do not reduce the error there"
-        unknown = "the uncertainty of the targets is unknown"
         certain = {program.path for program in self.programs if program.gains}
         if self.path and (error := self.path[2].error) and error.gains:
             certain.add(self.path[0])
-        return {path: nothing if error else unknown for path, error in self.errors.items() if path not in certain}
+        idle = {path: error for path, error in self.errors.items() if path not in certain}
+        return {path: nothing if error else self._why_unknown(path) for path, error in idle.items()}
 
     @property
     def corrects_computed(self) -> bool:
@@ -83,6 +83,13 @@ class Corrections:
     def uses_model(self) -> bool:
         """False if programs are only converted or left as they are, which the model of the arm does not affect."""
         return bool(self.path or not self.programs or any(program.judged for program in self.programs))
+
+    def _why_unknown(self, path: Path) -> str:
+        """Why the uncertainty of all targets of a path or program is unknown, with the first reason."""
+        reasons = {program.path: program.unknown for program in self.programs}
+        reasons |= {self.path[0]: self.path[2].unknown} if self.path else {}
+        first = next(filter(None, reasons[path]), "")
+        return "the uncertainty of the targets is unknown" + f": {first}" * bool(first)
 
     def without(self, dropped: Container[Path]) -> Corrections:
         path = None if self.path and self.path[0] in dropped else self.path

@@ -20,6 +20,7 @@ from analysis.correction.support import ANYWAY, require_usable_model, why_nothin
 from analysis.correction.work import posture_limits
 from analysis.intake.read import MOST_BYTES, TableFileError, TableProblem, value
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward, roll_pitch_yaw, transforms
+from analysis.robot.kinematics.joint_limits import turned_into
 from analysis.runs.tables import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -116,7 +117,9 @@ def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
         name, units = read.names[column], RAIL_MM if read.names[column] == RAIL else float(np.degrees(1.0))
         low, high = limits[column] * units
         problem = f"{name} {q[row, column] * units:.6g} is beyond the limits {low:.6g} to {high:.6g}"
-        remedy = "correct the angle, or limits_deg in the rig file"
+        turned = turned_into(q, limits)[row, column] if read.names[column] != RAIL else np.inf
+        same = f" ({np.degrees(turned):.6g} is the same posture)" if low <= np.degrees(turned) <= high else ""
+        remedy = f"correct the angle{same}, or limits_deg in the rig file"
         raise FileError(f"{where}, line {read.lines[row]}", problem, remedy, code="targets.limits")
 
 

@@ -20,6 +20,7 @@ from analysis.procedures.shared.test_kind import (
     shows_joints,
 )
 from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.robot.kinematics.joint_limits import turned_into
 from analysis.robot.predict import Model, ModelScene, Motion, Path, SetUp, SetUps, moved
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_outlier, step_of
@@ -208,7 +209,8 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
     `run`.
     """
     lines = []
-    joints = np.degrees(q_rad[:, : len(covered)])  # followed by a rail position
+    # A rail position may follow the joints.
+    joints = np.degrees(turned_into(q_rad[:, : len(covered)], np.radians(np.array(covered)), np.radians(BEYOND_DEG)))
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:

@@ -7,7 +7,7 @@ side.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -178,10 +178,29 @@ def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) 
     """Reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction, from the acw posture.
 
     A cw program reverses the same joint angles: a joint with a full turn starts at the end of the acw lap, because most
-    have no second turn.
+    have no second turn. If the lap does not fit the limits from the posture, it starts full turns away, if it fits
+    there.
     """
     order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
-    return follow(arm, frame.poses(phi[order]), posture, where)[order]
+    poses = frame.poses(phi[order])
+    try:
+        return follow(arm, poses, posture, where)[order]
+    except PathError as error:
+        if error.reason != "limits":
+            raise
+        unlimited = replace(arm, limits=arm.limits + 4 * np.pi * np.array([-1.0, 1.0]))
+        turned = _turned_within(arm, follow(unlimited, poses, posture, where))
+        if turned is None:
+            raise
+        return turned[order]
+
+
+def _turned_within(arm: Arm, q: Array) -> Array | None:
+    """Path q (n, axes) rad turned by the fewest full turns of each joint that fit its limits; None if none do."""
+    low, high = arm.limits.T
+    fewest = np.ceil((low - q.min(axis=0)) / (2 * np.pi))
+    most = np.floor((high - q.max(axis=0)) / (2 * np.pi))
+    return None if (fewest > most).any() else np.asarray(q + 2 * np.pi * np.clip(0.0, fewest, most))
 
 
 def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:

@@ -39,6 +39,17 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
     return turned[inside], rows[inside]
 
 
+def turned_into(q: Array, ranges: Array, slack_rad: float = 0.0) -> Array:
+    """Turn joint angles q (n, k) rad by full turns into the ranges (k, 2) rad, extended by `slack_rad` at both ends.
+
+    The links are in the same place after a full turn. Angles that are inside, or in no turn inside, stay as they are.
+    """
+    low, high = ranges[:, 0] - slack_rad, ranges[:, 1] + slack_rad
+    turned = q + 2 * np.pi * np.rint(((low + high) / 2 - q) / (2 * np.pi))
+    gets_inside = ((q < low) | (q > high)) & (turned >= low) & (turned <= high)
+    return np.where(gets_inside, turned, q)
+
+
 _MOST_RAD = 4 * np.pi + 0.1
 """Limit of axes with internal cables: two turns in each direction."""
 _WIND = 2

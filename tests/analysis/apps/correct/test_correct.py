@@ -214,6 +214,31 @@ def test_targets_in_unmeasured_regions_are_doubted(tmp_path):
     assert np.isnan(targets.u_mm).tolist() == np.isnan(targets.u_frame_mm).tolist() == [False, True, True]
 
 
+def test_joint_a_full_turn_from_the_runs_is_covered(tmp_path):
+    ranges = ((-180.0, 180.0),) * 5 + ((-130.0, -90.0),)
+    near = provenance(offset_deg=0.002).model_copy(update={"joints_deg": ranges})
+    rows = [[*TARGETS[0][:5], sixth] for sixth in (248.6, -111.4, 111.4)]
+    targets = _targets(_path(tmp_path, rows), ZERO_3.model_copy(update={"found": near}))
+    assert targets.covered.tolist() == [True, True, False]
+    assert targets.u_mm[0] == pytest.approx(targets.u_mm[1])
+    assert targets.unknown[2] == "axis 6 (alpha) at 111.4°, in the runs -130.0° to -90.0°"
+    assert "axis 6 is at -111.4° to 111.4°, 1 of 3 outside -130.0° to -90.0°" in targets.doubts[1]
+
+
+def test_refusal_of_targets_outside_the_runs_names_axis_value_and_range(tmp_path):
+    cell, path, out = tmp_path / "cell.yaml", _path(tmp_path), tmp_path / "out"
+    near = ZERO_3.found.model_copy(update={"joints_deg": ((-180.0, 180.0),) * 5 + ((170.0, 180.0),)})
+    cell.write_text(extended(load("paper-fanuc")[1], [ZERO_3.model_copy(update={"found": near})], "cell"))
+    told = errors_of(f"correct {cell} --path {path} -o {out}")
+    assert "at 0.0°, in the runs 170.0° to 180.0°, so no corrected targets were written" in told
+
+
+def test_joint_angle_beyond_a_limit_is_named_with_the_same_posture_within_it(tmp_path):
+    rows = [*TARGETS, [0, 20, 10, 0, 60, 300]]
+    (left,) = _targets(_path(tmp_path, rows), ZERO_3).left
+    assert left.what.endswith("beyond the limits -270° and 270°; -60.000° is the same posture")
+
+
 def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature():
     more = JointOffset(axis=3, offset_deg=-0.02, found=provenance(offset_deg=0.0015))
     rig = _rig(ZERO_3, more, A2)
