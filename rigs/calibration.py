@@ -107,6 +107,10 @@ class ModelAssessment(Part):
     left_out_um: Micrometres | None = Field(default=None, exclude_if=lambda value: value is None)
     """By which the model of all other poses misses each neighbourhood of similar poses, without another validation."""
 
+    measure_first: bool = Field(default=False, exclude_if=lambda value: not value)
+    """The diagnosis asks for more readings before a correction, because no reading without a part in the fit shows its
+    gain."""
+
     @property
     def gained(self) -> float:
         """Share of the mean square beyond the noise that the model removes; negative if it adds error."""

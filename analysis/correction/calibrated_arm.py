@@ -15,7 +15,7 @@ import numpy as np
 from analysis.correction.corrected_targets import corrected, reached_angles
 from analysis.correction.pose_uncertainty import PoseUncertainty, covered, places_u_mm, pose_uncertainty, where_known
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import left_out_mm, tool_poses, work_or_spread
+from analysis.correction.work import FEWEST_TAUGHT, left_out_mm, spread_angles, tool_poses
 from analysis.robot.kinematics.arm import Array, Mask, arm_of
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
@@ -53,7 +53,10 @@ class ArmPoses:
     sockets than validated; None if unknown.
     """
     u_frame_mm: Array
-    """The same as `u_mm` in a frame taught with the robot, which most programs use; often many times smaller."""
+    """The same as `u_mm` in a frame taught with the robot, which most programs use; often many times smaller.
+
+    It is taught at these postures if the runs cover at least twelve of them, or else over the measured joint ranges.
+    """
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ class ArmAngles:
     every orientation.
     """
     u_frame_mm: Array
+    near_deg: Array
+    """Posture (n, axes) near which each pose is reached, as given or by default."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,10 +115,11 @@ class CalibratedArm:
     def inverse(self, T: Array, near_deg: Array | None = None) -> ArmAngles:
         """Return joint angles that move the tool of the calibrated arm to poses T (n, 4, 4), or (4, 4), lengths in mm.
 
-        If several postures reach a pose, the one nearest to near_deg (axes,) is selected, by default to the middle of
-        the limits. Each further pose is solved near the previous solution. Arms of seven axes stay as near to it as the
-        pose allows. Arms of fewer than six axes reach the position with the closest possible orientation. Raises
-        FileError for invalid frames.
+        If several postures reach a pose, the one nearest to near_deg (axes,) is selected, by default to
+        `posture_deg` of the robot in the rig file, or else to the middle of the limits. Each further pose is solved
+        near the previous solution. The angles are right in this posture only: send them, not the pose. Arms of seven
+        axes stay as near to it as the pose allows. Arms of fewer than six axes reach the position with the closest
+        possible orientation. Raises FileError for invalid frames.
         """
         poses = _numbers(T, "T")
         poses = poses[None] if poses.shape == (4, 4) else poses
@@ -136,7 +142,8 @@ class CalibratedArm:
                 code="api.frame",
             )
         middle = arm_of(self.rig.robot).limits.mean(axis=1)
-        start = middle if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
+        of_rig = middle if self.rig.robot.posture_deg is None else np.radians(self.rig.robot.posture_deg)
+        start = of_rig if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
         if start.shape != middle.shape:
             raise FileError(
                 "near_deg",
@@ -145,8 +152,10 @@ class CalibratedArm:
                 code="api.shape",
             )
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
+        near = np.empty((len(poses), self._axes))
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
+            near[row] = start
             if (angles := solved(pose, start)) is not None:
                 q[row], reached[row], start = angles, True, angles
         u_mm, inside = np.full((2, len(poses)), np.nan), covered(self._pose_uncertainty, q)
@@ -154,7 +163,7 @@ class CalibratedArm:
         turned = np.full(len(poses), np.nan)
         turned[reached] = np.degrees(turned_rad(tool_poses(self._model, q[reached]), poses[reached]))
         turned = np.where(turned < _UNTURNED_DEG, 0.0, turned)
-        return ArmAngles(np.degrees(q), reached, u_mm[0], inside, turned, u_mm[1])
+        return ArmAngles(np.degrees(q), reached, u_mm[0], inside, turned, u_mm[1], np.degrees(near))
 
     def correct(self, targets: Array, near: Array | None = None) -> ArmAngles:
         """Return joint angles to command so that the real tool reaches targets of the nominal arm.
@@ -183,7 +192,7 @@ class CalibratedArm:
         found = corrected(self.rig, supports(self.rig), np.radians(q))
         angles = np.where(found.done[:, None], np.degrees(found.q), np.nan)
         turned = np.where(found.done, 0.0, np.nan)
-        return ArmAngles(angles, found.done, found.u_mm, found.covered, turned, found.u_frame_mm)
+        return ArmAngles(angles, found.done, found.u_mm, found.covered, turned, found.u_frame_mm, q)
 
     def _correct_poses(self, T: Array, near: Array | None) -> ArmAngles:
         """Angles for poses, each near its own posture if several are given."""
@@ -228,7 +237,10 @@ class CalibratedArm:
             return np.full((2, len(q)), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
         stays = left_out_mm(self.rig, uncorrected, q)
-        taught = work_or_spread(self.rig, self._pose_uncertainty.joints_rad)
+        inside = covered(self._pose_uncertainty, q)
+        taught = q if inside is None else q[inside]
+        if len(taught) < FEWEST_TAUGHT:
+            taught = spread_angles(self.rig, self._pose_uncertainty.joints_rad)[:, : q.shape[1]]
         both = places_u_mm(self.rig, self._pose_uncertainty, q, taught)
         left_mm = np.linalg.norm(stays, axis=1)
         return np.array([where_known(self._pose_uncertainty, q, np.hypot(u_mm, left_mm)) for u_mm in both])

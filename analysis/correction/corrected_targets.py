@@ -20,7 +20,7 @@ from analysis.correction.pose_uncertainty import (
     where_known,
     why_unknown,
 )
-from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER, Reason
+from analysis.correction.reasons import Reason
 from analysis.correction.support import Support, why_nothing
 from analysis.correction.work import (
     FEWEST_TAUGHT,
@@ -47,8 +47,7 @@ from analysis.robot.kinematics.arm import (
     pose_error,
     rail_mm,
 )
-from analysis.robot.kinematics.inverse import inverse
-from analysis.robot.kinematics.joint_limits import turned_into, within_limits
+from analysis.robot.kinematics.joint_limits import turned_into
 from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
 from analysis.robot.predict import Model
 from rigs.rig import Rig
@@ -125,6 +124,8 @@ class NotCorrected:
     place: int
     reason: Reason
     what: str
+    errors_mm: tuple[float, float] | None = None
+    """Smallest and largest error over its postures, if the posture is unknown."""
 
 
 @dataclass(frozen=True)
@@ -275,31 +276,6 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
         angles[rows], good = newton(model.arm, command[rows], angles[rows])
         rows = rows[good]
     return angles, reached_wanted
-
-
-def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
-    """The controller's angles (n, 6) rad of target poses (n, 4, 4), and the targets without any, as NaN.
-
-    The first solution is closest to the posture of the rig's tests, each further solution closest to the previous.
-    """
-    arm = controller_arm(rig.robot)
-    if rig.controller == "unknown":
-        why = POSE_OF_UNKNOWN_CONTROLLER
-        return np.full((len(poses), 6), np.nan), [NotCorrected(k, "controller_unknown", why) for k in range(len(poses))]
-    solutions = inverse(arm, poses)
-    tests = [test for test in (rig.tests.hemisphere, rig.tests.circle) if test]
-    near: Array = np.radians(tests[0].posture_deg) if tests else arm.limits.mean(axis=1)
-    chosen, skipped = np.full((len(poses), 6), np.nan), []
-    for k in range(len(poses)):
-        branches = solutions.q[k][solutions.found[k]]
-        allowed = within_limits(arm, branches)[0] if len(branches) else branches
-        if len(allowed):
-            near = chosen[k] = allowed[np.abs(allowed - near).max(axis=1).argmin()]
-        elif len(branches):
-            skipped.append(NotCorrected(k, "beyond_limits", "can only be reached beyond a joint's limits"))
-        else:
-            skipped.append(NotCorrected(k, "unreachable", "is out of the nominal arm's reach"))
-    return chosen, skipped
 
 
 def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:

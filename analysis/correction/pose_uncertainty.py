@@ -236,7 +236,8 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
     if joints is None:
         return None
     known_of = uncertainty.turned_into_runs(q)[:, : len(joints)]
-    inside: Mask = ((known_of >= joints[:, 0] - _MARGIN_RAD) & (known_of <= joints[:, 1] + _MARGIN_RAD)).all(axis=1)
+    low, high = joints[:, 0] - _MARGIN_RAD, joints[:, 1] + _MARGIN_RAD
+    inside: Mask = np.asarray(((known_of >= low) & (known_of <= high)).all(axis=1))
     return inside & uncertainty.is_within_reach(q)
 
 

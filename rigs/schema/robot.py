@@ -169,6 +169,10 @@ class Robot(Part):
     tool: Pose = Pose()
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""
+    posture_deg: tuple[Angle, ...] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """Joint angles at one of the user's targets. Poses in tables are reached in this configuration: the same sides of
+    shoulder, elbow and wrist. By default the posture of a pose is unknown.
+    """
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
     """Design of the arm.
 
@@ -187,6 +191,12 @@ class Robot(Part):
             raise ValueError("controller_axes requires `controller: constants`; correct controller, or remove the rows")
         if self.controller_axes and len(self.controller_axes) != len(self.axes):
             raise ValueError(f"controller_axes must have {len(self.axes)} rows, one for each axis; correct the rows")
+        return self
+
+    @model_validator(mode="after")
+    def _has_posture(self) -> Robot:
+        if self.posture_deg is not None and len(self.posture_deg) != len(self.axes):
+            raise ValueError(f"posture_deg must have {len(self.axes)} angles, one for each axis; correct the angles")
         return self
 
     @model_validator(mode="after")

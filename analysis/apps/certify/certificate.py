@@ -6,9 +6,11 @@ probability. Probabilities are shares of draws of the target errors.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -48,7 +50,8 @@ class Certified:
     """A feature now and after `rig correct`.
 
     cause: the largest contribution to the risk. next: the reading that would reduce the uncertainty most, if undecided.
-    why: reason for no decision. until: day on which growing errors take it out.
+    why: reason for no decision. until: day on which growing errors take it out. range_mm: expected errors over the
+    possible postures, if they decide differently.
     """
 
     feature: Feature
@@ -58,6 +61,7 @@ class Certified:
     next: NextReading | None
     why: str
     until: Until | None = None
+    range_mm: tuple[float, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         feature = self.feature
@@ -65,7 +69,7 @@ class Certified:
             "name": feature.name, "kind": feature.kind, "tolerance_mm": feature.tolerance_mm, **asdict(self.now),
             "corrected": asdict(self.corrected), "cause": self.cause,
             "next": self.next.to_dict() if self.next else None, "why": self.why,
-            "until": self.until.to_dict() if self.until else None,
+            "until": self.until.to_dict() if self.until else None, "range_mm": self.range_mm,
         }  # fmt: skip
 
 
@@ -83,44 +87,96 @@ def certify(
     taught: postures and poses at which frame and tool are taught, by default the measured targets. drifts: growing
     figures of the robot's history.
     """
-    work, unknown = listed.work, listed.unknown
-    known = np.array([row not in unknown for row in range(len(work.q))], dtype=bool)
-    place, reasons = np.cumsum(known) - 1, dict(unknown)
-    at = Work(work.q[known], work.wanted[known], work.came_from[known], work.load_kg[known])
+    unknown = listed.unknown
+    at, choices = _with_postures(listed)
     inside = np.ones(len(at.q), dtype=bool)
+    outside = dict[int, str]()
     if knowledge_of(rig) == "typical":
         unmeasured = why_nothing(rig) or "the arm was not measured, and its errors are those of a typical arm"
     else:
-        unmeasured, uncertainty = "", pose_uncertainty(rig, supports(rig))
+        unmeasured, uncertainty = _why_not_shown(rig), pose_uncertainty(rig, supports(rig))
         of_runs = covered(uncertainty, at.q)
         inside = inside if of_runs is None else of_runs
-        outside = dict(zip(np.flatnonzero(known).tolist(), why_unknown(rig, uncertainty, at.q), strict=True))
-        reasons |= {row: f"outside the measured region: {why}" for row, why in outside.items() if why}
-    taught = taught or taught_at(rig, at, inside)
+        outside = {k: why for k, why in enumerate(why_unknown(rig, uncertainty, at.q)) if why}
+    certain = np.isin(np.arange(len(at.q)), [each[0] for each in choices.values() if len(each) == 1])
+    taught = taught or taught_at(rig, at, inside & certain)
     causes = causes_of(rig, at, taught, rp_mm) if len(at.q) else []
-    readings = cache(partial(ProgramReadings.of, rig, at.q, taught[0]))  # only undecided features need them
+    readings = cache(partial(ProgramReadings.of, rig, at.q[certain], taught[0]))  # only undecided features need them
 
     def judged(feature: Feature) -> Certified:
-        why = next((reasons[row] for row in feature.rows.tolist() if row in reasons), "") or unmeasured
-        if any(row in unknown for row in feature.rows.tolist()):
+        lost = [row for row in feature.rows.tolist() if row in unknown]
+        postures = [] if lost else [choices[row] for row in feature.rows.tolist()]
+        count = math.prod(map(len, postures))
+        if lost or count > _MOST_POSTURES:
             nothing = Judged(None, None, None, "undecided")
+            why = unknown[lost[0]] if lost else f"{count} combinations of postures are possible"
             return Certified(feature, nothing, nothing, None, None, why)
-        rows = place[feature.rows]
+        every = [in_posture(feature, np.array(rows)) for rows in product(*postures)]
+        return every[0] if count == 1 else _in_all_postures(every)
+
+    def in_posture(feature: Feature, rows: Integers) -> Certified:
+        why = next((f"outside the measured region: {outside[row]}" for row in rows.tolist() if row in outside), "")
+        is_known, why = not why, why or unmeasured
         q, poses, nominal = at.q[rows], at.wanted[rows], at.wanted[rows, :3, 3]
         before, after, cause = _drawn(feature, nominal, causes, rows, is_corrected=listed.is_corrected)
-        is_known = not why or bool(unmeasured)
         now, corrected = (_judged(feature, nominal, moved, why, is_known=is_known) for moved in (before, after))
         proposed = None
         if not is_known:
             proposed = NextReading(poses_at(q[~inside[rows]])[0])
-        elif now.verdict == "undecided" and not unmeasured:
-            proposed = readings().best_for(rows, nominal, partial(feature.values, nominal), after - nominal)
+        elif now.verdict == "undecided" and not unmeasured and certain[rows].all():
+            proposed = readings().best_for(
+                np.cumsum(certain)[rows] - 1, nominal, partial(feature.values, nominal), after - nominal
+            )
         of_feature, few = Work(q, poses, at.came_from[rows], at.load_kg[rows]), before[:_DRAWS_OF_CAUSE] - nominal
         days = (until(rig, drift, of_feature, few, partial(_inside, feature, nominal)) for drift in drifts if is_known)
         first = min(filter(None, days), key=lambda one: one.date, default=None)
         return Certified(feature, now, corrected, cause, proposed, why, first)
 
     return [judged(feature) for feature in features]
+
+
+def _why_not_shown(rig: Rig) -> str:
+    """Why a model that may be used for a correction decides no feature yet; empty if it does."""
+    judged = rig.calibrated.judged if rig.calibrated else None
+    if judged is None or not judged.measure_first:
+        return ""
+    left_out = "no reading was left out of the fit to show its error"
+    if judged.left_out_um is not None:
+        left_out = f"it misses left-out readings by {judged.left_out_um:.0f} µm rms, and they are few"
+    return f"the calibration asks for more readings before the model is used: {left_out}"
+
+
+_MOST_POSTURES = 64
+"""Largest number of combinations of postures that are judged: two targets with eight postures each. Chosen."""
+
+
+def _with_postures(listed: Listed) -> tuple[Work, dict[int, list[int]]]:
+    """The known targets followed by their other possible postures, and the rows of each target in them."""
+    work, several = listed.work, listed.postures.several if listed.postures else {}
+    known = [row for row in range(len(work.q)) if row not in listed.unknown]
+    rows, q, choices = list(known), [work.q[known]], {row: [k] for k, row in enumerate(known)}
+    for row, postures in several.items():
+        choices[row] += range(len(rows), len(rows) + len(postures) - 1)
+        rows += [row] * (len(postures) - 1)
+        q.append(postures[1:])
+    came_from = work.came_from[rows]
+    came_from[len(known) :] = np.nan
+    return Work(np.concatenate(q), work.wanted[rows], came_from, work.load_kg[rows]), choices
+
+
+def _in_all_postures(every: Sequence[Certified]) -> Certified:
+    """Judge a feature from its verdict in each possible posture. `rig correct` leaves such targets unchanged."""
+    verdicts = {one.now.verdict for one in every}
+    if verdicts in ({"accept"}, {"reject"}):
+        side = 1 if verdicts == {"accept"} else -1
+        margins = [(side * (one.now.probability or 0.0), -side * abs(one.now.expected_mm or 0.0)) for one in every]
+        closest = every[margins.index(min(margins))]
+        return replace(closest, corrected=closest.now)
+    sizes = [one.now.expected_mm for one in every if one.now.expected_mm is not None]
+    range_mm = min(sizes), max(sizes)
+    nothing = Judged(None, None, None, "undecided")
+    what = f"{len(every)} postures are possible, in which the error is {range_mm[0]:z.2f} to {range_mm[1]:z.2f} mm"
+    return Certified(every[0].feature, nothing, nothing, None, None, what, range_mm=range_mm)
 
 
 def _drawn(

@@ -31,7 +31,7 @@ def answer_of(judged: Sequence[Certified]) -> list[Block]:
     corrected = "" if after == now else f" After rig correct: {second}."
     headline = f"{counted(len(judged), 'feature')}: {first}.{corrected}"
     rows = tuple(
-        (one.feature.name, f"{one.feature.tolerance_mm:g}", *_cells(one.now), _cells(one.corrected)[1], one.cause or "")
+        (one.feature.name, f"{one.feature.tolerance_mm:g}", *_cells(one), _verdict(one.corrected), one.cause or "")
         for one in judged
     )
     reasons: dict[str, list[str]] = {}
@@ -54,13 +54,19 @@ def answer_of(judged: Sequence[Certified]) -> list[Block]:
     ]
 
 
-def _cells(judged: Judged) -> tuple[str, str]:
-    if judged.expected_mm is None:
-        return "unknown", judged.verdict
-    if judged.u_mm is None or judged.probability is None:
-        return f"{judged.expected_mm:z.3f}", judged.verdict
-    inside = f" ({judged.probability:.0%} inside)" if judged.verdict == "undecided" else ""
-    return f"{judged.expected_mm:z.3f} ± {judged.u_mm:.3f}", f"{judged.verdict}{inside}"
+def _cells(one: Certified) -> tuple[str, str]:
+    now = one.now
+    if one.range_mm:
+        return f"{one.range_mm[0]:z.3f} to {one.range_mm[1]:z.3f}", now.verdict
+    if now.expected_mm is None:
+        return "unknown", now.verdict
+    u = "" if now.u_mm is None else f" ± {now.u_mm:.3f}"
+    return f"{now.expected_mm:z.3f}{u}", _verdict(now)
+
+
+def _verdict(judged: Judged) -> str:
+    is_close = judged.verdict == "undecided" and judged.probability is not None
+    return f"{judged.verdict} ({judged.probability:.0%} inside)" if is_close else judged.verdict
 
 
 def write_page(judged: Sequence[Certified], listed: Listed, path: Path, program: str, rig: str) -> None:

@@ -55,6 +55,14 @@ def certify(
     start: Annotated[
         str | None, typer.Option("--start-joints", metavar="DEGREES", help="As for rig correct; default: unknown.")
     ] = None,
+    near: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Joint angles q1,…,q6 at one target of a table of poses, as for rig correct; "
+            "default: robot.posture_deg of the rig file.",
+        ),
+    ] = None,
     load_kg: Annotated[
         float | None, typer.Option("--load", min=0.0, max=1e4, help="Payload in kg; default: that of the rig file.")
     ] = None,
@@ -88,7 +96,7 @@ def certify(
     from analysis.apps.certify.certificate_report import write_page
     from analysis.apps.certify.features import features_of
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
-    from analysis.apps.correct.stated_frames import frames_of, start_of
+    from analysis.apps.correct.stated_frames import frames_of
     from analysis.apps.report.html_page import check_page_file
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, with_controller, worst_code
@@ -99,7 +107,7 @@ def certify(
     rig, _ = load(with_controller(rig_file, calibration))
     with named_by(rig_file, rig), progress_of("judging the features"):
         of_user = frames_of(rig.robot, tools or (), frames or ())
-        listed = targets_of(program, rig, of_user, start_of(start), load_kg)
+        listed = targets_of(program, rig, of_user, near=near, start=start, load_kg=load_kg)
         places = programmed_places(listed)
         features, errors = features_of(tolerances or (), table, listed.names, listed.lines, places)
         listed, features, not_driven = with_lines(rig, listed, features)
@@ -110,7 +118,7 @@ def certify(
     if output:
         write_page(judged, listed, output, program.name, rig.name)
         say_written([output])
-    _say_next(rig, rig_file, program, judged)
+    _say_next(rig, rig_file, program, listed, judged)
     for error in errors:
         say_error(error)
     end_with(worst_code(errors) or int(any(one.now.verdict != "accept" for one in judged)))
@@ -130,33 +138,45 @@ def _show(
     from analysis.apps.certify.certificate_report import answer_of
     from analysis.apps.report.blocks import say_answer
 
-    notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in sorted(listed.unknown.items())]
+    # Points between the ends of a line have no line in the file.
+    unknown = [(row, why) for row, why in sorted(listed.unknown.items()) if row < len(listed.lines)]
+    notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in unknown]
     if as_json:
         counts = Counter(one.now.verdict for one in judged)
         say_json({
             "program": str(program), "rig": rig.name, "is_corrected": listed.is_corrected, **counts,
+            "posture": listed.postures and listed.postures.to_dict(),
             "features": [one.to_dict() for one in judged], "not_understood": notes,
             "errors": [error.to_dict() for error in errors],
         })  # fmt: skip
     elif judged:
         say_answer(answer_of(judged))
+    if listed.postures and (stated := listed.postures.stated):
+        source = "posture_deg in the rig file" if stated.source == "rig_file" else stated.source
+        say(f"{program}: targets in the posture {stated.words} ({source})", err=True, mark="note: ")
     for note in notes[:_MOST_NOTES]:
         say(f"{program}: {note}", err=True, mark="note: ")
 
 
-def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified]) -> None:
+def _posture_option(listed: Listed) -> str:
+    stated = listed.postures.stated if listed.postures else None
+    if stated is None or stated.source == "rig_file":
+        return ""
+    return f" {stated.source} {','.join(f'{angle:z.6g}' for angle in stated.degrees)}"
+
+
+def _say_next(rig: Rig, rig_file: str, program: Path, listed: Listed, judged: Sequence[Certified]) -> None:
     from analysis.apps.makers import maker_of_file
     from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER
 
     if gains := sum(one.corrected.verdict == "accept" and one.now.verdict != "accept" for one in judged):
         is_program = program.is_dir() or maker_of_file(program)
-        words = (
-            ("--program", f"{as_argument(program)} --points computed")
-            if is_program
-            else ("--path", as_argument(program))
-        )
-        line = f"rig correct {as_argument(rig_file)} {' '.join(words)} -o corrected"
+        given = f"--path {as_argument(program)}{_posture_option(listed)}"
+        given = f"--program {as_argument(program)} --points computed" if is_program else given
+        line = f"rig correct {as_argument(rig_file)} {given} -o corrected"
         say(f"next: {line}  # then {counted(gains, 'more feature')} within tolerance", err=True)
+    if listed.postures and listed.postures.several:
+        say("next: add --near q1,…,q6  # joint angles at one of the targets, which state the posture", err=True)
     undecided = [(one, one.next) for one in judged if one.next and one.corrected.verdict == "undecided"]
     for one, proposed in undecided[:1]:
         gain = f"{one.feature.name} is outside the measured region"
@@ -165,5 +185,6 @@ def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified
         say(f"next: {proposed.reading.words}  # {gain}", err=True)
     if any(one.why == POSE_OF_UNKNOWN_CONTROLLER for one in judged):
         say("next: add --calibration FILE  # constants of this controller; data_sheet if it has none", err=True)
-    if rig.calibrated is None and any(one.why for one in judged):
-        say(f"next: rig plan {as_argument(rig_file)} --next  # the first reading of this arm", err=True)
+    asks_first = rig.calibrated and rig.calibrated.judged and rig.calibrated.judged.measure_first
+    if (rig.calibrated is None or asks_first) and any(one.why for one in judged):
+        say(f"next: rig plan {as_argument(rig_file)} --next  # the next reading of this arm", err=True)

@@ -11,14 +11,14 @@ import numpy as np
 from analysis.apps.certify.features import Feature
 from analysis.apps.certify.target_errors import Work
 from analysis.apps.correct.solved_program import solve_program
-from analysis.apps.correct.stated_frames import Frames
+from analysis.apps.correct.stated_frames import Frames, start_of
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.reading import is_marked
 from analysis.apps.makers.tool_paths import straight_path
 from analysis.apps.programs.target_path import read_targets
-from analysis.correction.corrected_targets import angles_for
 from analysis.correction.reasons import WHY
 from analysis.correction.support import supports
+from analysis.correction.table_postures import TablePostures, disagreeing, find_postures, stated_posture
 from analysis.correction.work import real_model, tool_poses, used_effects
 from analysis.robot.kinematics.arm import Array, controller_arm
 from analysis.robot.kinematics.newton import newton, newton_in_part
@@ -45,11 +45,23 @@ class Listed:
     unknown: dict[int, str]
     straight: frozenset[tuple[int, int]] | None = None
     is_corrected: bool = False
+    postures: TablePostures | None = None
+    """Postures of a table of poses. `several` has only the targets whose corrections differ."""
 
 
-def targets_of(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | None, load_kg: float | None) -> Listed:
-    """Targets of a program of any maker, or of a CSV table. load_kg: payload, None for that of the rig."""
-    listed = _of_program(path, rig, frames, start) if path.is_dir() or maker_of_file(path) else _of_table(path, rig)
+def targets_of(
+    path: Path, rig: Rig, frames: Frames, *, near: str | None, start: str | None, load_kg: float | None
+) -> Listed:
+    """Targets of a program of any maker, or of a CSV table. near, start: posture of a table of poses or of the start of
+    a program, as on the command line. load_kg: payload, None for that of the rig.
+    """
+    if path.is_dir() or maker_of_file(path):
+        if near is not None:
+            problem, remedy = "concerns a table of poses; a program selects its postures", "remove the option"
+            raise UseError("--near", problem, remedy, code="program.option")
+        listed = _of_program(path, rig, frames, start_of(start))
+    else:
+        listed = _of_table(path, rig, near, start)
     work = listed.work
     if listed.is_corrected:  # the targets mean the poses that the real arm takes there
         used = used_effects(rig, supports(rig))
@@ -59,12 +71,18 @@ def targets_of(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | 
     return replace(listed, work=work)
 
 
-def _of_table(path: Path, rig: Rig) -> Listed:
+def _of_table(path: Path, rig: Rig, near: str | None, start: str | None) -> Listed:
     read, poses, q = read_targets(path, rig)
     unknown: dict[int, str] = {}
+    postures: TablePostures | None = None
+    if q is not None and (option := "--near" if near else "--start-joints" if start else ""):
+        problem, remedy = f"{path.name} has joint angles, which determine the posture", "remove the option"
+        raise UseError(option, problem, remedy, code="program.option")
     if q is None and len(rig.robot.axes) == DRIVEN_AXES and rig.robot.rail is None:
-        q, left = angles_for(rig, poses)
-        unknown = {target.place: target.what for target in left}
+        postures = find_postures(rig, poses, stated_posture(rig, near, start))
+        q, differ = postures.q, {target.place for target in disagreeing(rig, supports(rig), postures, poses)}
+        postures = replace(postures, several={k: each for k, each in postures.several.items() if k in differ})
+        unknown = {target.place: target.what for target in postures.unsolved}
     elif q is None:
         problem = "has poses, which do not determine the posture of this arm"
         raise FileError(str(path), problem, "give the joint angles of the targets", code="certify.no_posture")
@@ -74,7 +92,8 @@ def _of_table(path: Path, rig: Rig) -> Listed:
     except ValueError as error:
         raise FileError(str(path), f"load_kg: {error}", "give numbers in kg", code="certify.load") from None
     work = Work(q, poses, np.vstack([np.full_like(q[:1], np.nan), q[:-1]]), load_kg)
-    return Listed(tuple(names), read.lines, work, unknown, is_corrected="corrected" in read.columns)
+    is_corrected = "corrected" in read.columns
+    return Listed(tuple(names), read.lines, work, unknown, is_corrected=is_corrected, postures=postures)
 
 
 def _of_program(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | None) -> Listed:
@@ -139,6 +158,8 @@ def _with_line(rig: Rig, listed: Listed, feature: Feature) -> tuple[Listed, Feat
             unknown[count + k] = "the arm cannot follow the line"
             break
         between[k] = near = found[0]
+    if listed.postures and {first, last} & set(listed.postures.several):
+        unknown[count] = "the postures of its ends are unknown"
     came_from = np.vstack([work.came_from, work.q[first], between[:-1]])
     came_from[last] = between[-1]
     longer = Work(

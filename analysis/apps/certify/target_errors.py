@@ -29,6 +29,7 @@ from analysis.diagnosis.fit.candidates import Level
 from analysis.robot.kinematics.arm import (
     Array,
     Integers,
+    Mask,
     arm_of,
     controller_arm,
     drive_angles,
@@ -107,7 +108,7 @@ def knowledge_of(rig: Rig) -> Knowledge:
     return "effects" if any(effect.found for effect in rig.effects) else "typical"
 
 
-def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
+def taught_at(rig: Rig, work: Work, inside: Mask) -> tuple[Array, Array]:
     """Postures and poses at which frame and tool are taught: the measured targets, or the measured region for few."""
     if inside.sum() >= FEWEST_TAUGHT:
         return work.q[inside], work.wanted[inside]

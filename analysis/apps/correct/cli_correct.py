@@ -95,8 +95,16 @@ _Start = Annotated[
     typer.Option(
         "--start-joints",
         metavar="DEGREES",
-        help="Six joint angles, separated by commas, at the start of each program of --program: the posture "
-        "for a straight line before the first joint move; default: unknown.",
+        help="Six joint angles, separated by commas, at the start of each program of --program, or of a table "
+        "of poses; default: unknown.",
+    ),
+]
+_Near = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DEGREES",
+        help="Joint angles q1,…,q6 at one of the poses of --path, which are all reached in this posture; "
+        "default: robot.posture_deg of the rig file.",
     ),
 ]
 _Points = Annotated[
@@ -139,6 +147,7 @@ def correct(
     tools: _Tools = None,
     frames: _Frames = None,
     start: _Start = None,
+    near: _Near = None,
     neutral: _Neutral = None,
     points: _Points = None,
     since: _Since = None,
@@ -161,16 +170,16 @@ def correct(
     from analysis.cli.console import progress_of
     from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
     from analysis.correction.support import require_usable_model
-    from rigs.errors import UseError
+    from analysis.correction.table_postures import stated_posture
     from rigs.load import load, named_by
 
-    only_programs = {
-        "--tool, --frame": tools or frames, "--neutral": neutral, "--start-joints": start,
-        "--points": points, "--since": since, "--computed, --taught": computed_names or taught_names,
-    }  # fmt: skip
-    for option, given in only_programs.items():
-        if given and not programs:
-            raise UseError(option, "concerns programs only", "give --program as well", code="program.option")
+    _check_options(
+        {
+            "--tool, --frame": tools or frames, "--neutral": neutral, "--points": points, "--since": since,
+            "--computed, --taught": computed_names or taught_names,
+        },
+        near, start, has_programs=bool(programs), has_path=path is not None,
+    )  # fmt: skip
     rig, _ = load(with_controller(rig_file, calibration))
     if programs and points is None:
         points, since = _asked_points(programs, since)
@@ -182,8 +191,12 @@ def correct(
     controller = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())
-        asked = Programs(programs or (), stated, whole, start_of(start), anyway, origins)
-        corrections = correct_rig(rig, path, controller, scale_of(scale), entered=entered, programs=asked)
+        started = start_of(start) if programs else None
+        asked = Programs(programs or (), stated, whole, started, anyway, origins)
+        posture = stated_posture(rig, near, start) if path else None
+        corrections = correct_rig(
+            rig, path, controller, scale_of(scale), entered=entered, programs=asked, posture=posture
+        )
         in_vain = {} if anyway else corrections.in_vain
         corrections = corrections.without(in_vain)
         written = correction_report.write(corrections, directory)
@@ -201,6 +214,22 @@ def correct(
     _say_about_programs(corrections, start)
     is_for_maker = maker is not None and not (path or programs)
     end_with_errors(_errors(rig_file, corrections, in_vain, for_maker=is_for_maker), ", all in corrections.yaml")
+
+
+def _check_options(
+    of_programs: Mapping[str, object], near: str | None, start: str | None, *, has_programs: bool, has_path: bool
+) -> None:
+    """Raise UseError for options without the programs or the table that they concern."""
+    from rigs.errors import UseError
+
+    for option, given in of_programs.items():
+        if given and not has_programs:
+            raise UseError(option, "concerns programs only", "give --program as well", code="program.option")
+    if near and not has_path:
+        raise UseError("--near", "concerns a table of poses", "give --path as well", code="program.option")
+    if start and not (has_programs or has_path):
+        problem, remedy = "concerns programs and tables of poses", "give --program or --path as well"
+        raise UseError("--start-joints", problem, remedy, code="program.option")
 
 
 def _asked_points(programs: Sequence[Path], since: Path | None) -> tuple[PointKind, Path | None]:

@@ -15,10 +15,17 @@ from analysis.apps.correct.stated_points import computed_points
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.reading import programs_at
 from analysis.apps.programs.target_path import TargetPath, read_path, refuse_corrected_path
-from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
+from analysis.correction.corrected_targets import CorrectedTargets, WorkError, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import Support, supports, supports_of_usual_size
+from analysis.correction.table_postures import (
+    HOW_TO_STATE,
+    StatedPosture,
+    TablePostures,
+    disagreeing,
+    find_postures,
+)
 from analysis.correction.work import (
     left_out_mm,
     rest_effects,
@@ -54,6 +61,8 @@ class Corrections:
     programs: tuple[CorrectedProgram, ...] = ()
     calibrated: tuple[Support, ...] = ()
     """Effects that exist only in the calibration; zeros and constants include them."""
+    postures: TablePostures | None = None
+    """Postures of a path of poses."""
 
     @property
     def errors(self) -> dict[Path, WorkError | None]:
@@ -104,12 +113,13 @@ def correct_rig(
     *,
     entered: bool = False,
     programs: Programs = NO_PROGRAMS,
+    posture: StatedPosture | None = None,
 ) -> Corrections:
     """Compute the corrections of a rig.
 
     controller: maker of the programs or, without programs, of the controller for which entries are computed: both
     together would correct twice. scale (6,): counts per degree or gear ratios of the axes. entered: the controller
-    already has the entries, and the targets are computed accordingly.
+    already has the entries, and the targets are computed accordingly. posture: that of a path of poses.
 
     Raises FileError for a rig without effects, and for a path or program that cannot be read or corrected. Raises
     UseError for options that exclude each other.
@@ -138,7 +148,15 @@ def correct_rig(
         zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
         if controller and not programs.paths:
             entries = controller_entries(rig, supported, controller, scale)
-    targets = _targets(rig, supported, path, entries if entered else None) if path else None
+    postures, targets = None, None
+    if path:
+        read = _read(rig, path)
+        if read.joints and posture and posture.source != "rig_file" and not programs.start:
+            problem, remedy = f"{path.name} has joint angles, which determine the posture", "remove the option"
+            raise UseError(posture.source, problem, remedy, code="program.option")
+        postures = None if read.joints else find_postures(rig, read.poses(), posture)
+        targets = _targets(rig, supported, path, read, postures)
+        targets = (*targets[:2], as_entered(rig, targets[2], entries)) if entered and entries else targets
     paths = [program for path in programs.paths for program in programs_at(path)]
     given, maker = programs, controller or rig.maker
     for unread in () if programs.again else paths:
@@ -154,7 +172,7 @@ def correct_rig(
         problem = f"is a program for {of}, but {whose} {robot}"
         raise FileError(str(other.path), problem, remedy, code="program.other_maker")
     work, numbers = _work(rig, supported), (tuple(zeros), tuple(constants))
-    return Corrections(rig, tuple(supported), *numbers, work, targets, entries, entered, done, of_model)
+    return Corrections(rig, tuple(supported), *numbers, work, targets, entries, entered, done, of_model, postures)
 
 
 def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
@@ -167,10 +185,8 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
     return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
 
 
-def _targets(
-    rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
-) -> tuple[Path, TargetPath, CorrectedTargets]:
-    """Correct a path, for a controller with the entries `entered`. Raises FileError if no target can be corrected."""
+def _read(rig: Rig, path: Path) -> TargetPath:
+    """Read a path. Raises FileError for an invalid one, and for poses that do not determine joint angles."""
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:
@@ -182,19 +198,31 @@ def _targets(
         problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
         raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg", code="targets.need_joints")
     refuse_corrected_path(read, str(path))
-    q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
-    targets = corrected(rig, supported, q, unsolved, None if read.joints else read.poses())
+    return read
+
+
+def _targets(
+    rig: Rig, supported: Sequence[Support], path: Path, read: TargetPath, postures: TablePostures | None
+) -> tuple[Path, TargetPath, CorrectedTargets]:
+    """Correct a path. Raises FileError if no target can be corrected."""
+    if postures is None:
+        targets = corrected(rig, supported, read.angles())
+    else:
+        poses = read.poses()
+        unsolved = [*postures.unsolved, *disagreeing(rig, supported, postures, poses)]
+        targets = corrected(rig, supported, postures.q, unsolved, poses)
     if not targets.done.any():
         raise target_errors(rig, path, read, targets)[0]
-    return path, read, as_entered(rig, targets, entered) if entered else targets
+    return path, read, targets
 
 
 def target_errors(rig: Rig, path: Path, path_read: TargetPath, targets: CorrectedTargets) -> list[FileError]:
+    remedies = {"controller_unknown": how_to_state_controller(rig), "ambiguous": HOW_TO_STATE}
     return [
         FileError(
             f"{path}, line {path_read.lines[target.place]}",
             target.what,
-            how_to_state_controller(rig) if target.reason == "controller_unknown" else "move the target",
+            remedies.get(target.reason, "move the target"),
             code="targets.uncorrected",
         )
         for target in targets.left

@@ -175,6 +175,7 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
         "correct_path", file=path.name, targets=counted(int(targets.done.sum()), "target"), accuracy=accuracy,
         missed=f"{np.nanmax(targets.missed_mm):.3f}", rest=_small(np.nanmax(_left_out_mm(targets))),
     )  # fmt: skip
+    yield from _posture_lines(corrections)
     rest = rest_effects(corrections.rig, corrections.effects)
     words = {label_of(effect): plain(corrections.rig, effect) for effect in rest}
     each = [f"{words[name]} {_small(mm)}" for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
@@ -183,6 +184,18 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
     yield from targets.doubts
     if targets.left:
         yield ENGLISH("correct_path_left", targets=counted(len(targets.left), "target"))
+
+
+def _posture_lines(corrections: Corrections) -> Iterator[str]:
+    """The posture in which the poses of a path are corrected, and the targets for which it does not matter."""
+    if not (corrections.path and (postures := corrections.postures)):
+        return
+    if stated := postures.stated:
+        key = "correct_posture_start" if stated.source == "--start-joints" else "correct_posture"
+        source = "posture_deg in the rig file" if stated.source == "rig_file" else stated.source
+        yield ENGLISH(key, angles=stated.words, source=source)
+    if any_posture := sum(1 for k in postures.several if corrections.path[2].done[k]):
+        yield ENGLISH("correct_posture_any", targets=counted(any_posture, "target"))
 
 
 def _left_out_mm(targets: CorrectedTargets) -> Array:
@@ -214,6 +227,7 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
             "u_um": (1e3 * targets.u_mm).round(3),
             "u_frame_um": (1e3 * targets.u_frame_mm).round(3),
             **pick_fields(targets, "covered", "doubts"),
+            "posture": corrections.postures and corrections.postures.to_dict(),
             "error": targets.error and program_report.error_object(targets.error),
         }
     return _contents(corrections) | {"path": path, "files": written, "blocks": blocks_object(answer_of(corrections))}
@@ -224,7 +238,9 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
     if corrections.path:
         _, source, targets = corrections.path
         left = [
-            {"line": source.lines[target.place], "reason": target.reason, "why": target.what} for target in targets.left
+            {"line": source.lines[target.place], "reason": target.reason, "why": target.what}
+            | ({"error_mm": [*map(short, target.errors_mm)]} if target.errors_mm else {})
+            for target in targets.left
         ]
     return {
         "rig": corrections.rig.name,

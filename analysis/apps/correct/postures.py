@@ -16,11 +16,11 @@ import numpy as np
 from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Target, TargetMove, Way
 from analysis.apps.makers.tool_paths import circular_path, rotations, straight_path
 from analysis.correction.reasons import Reason
+from analysis.correction.table_postures import closest_solution, solutions_within_limits
 from analysis.robot.geometry.circle import circles_through
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
-from analysis.robot.kinematics.inverse import inverse
-from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits
+from analysis.robot.kinematics.joint_limits import SAME_RAD
 from analysis.robot.kinematics.newton import conditioning
 from rigs.errors import FileError
 
@@ -37,11 +37,8 @@ def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD)
 _NEAR_RAD = np.radians(60.0)
 """Largest joint rotation to the nearest solution that still identifies the solution. Chosen: in other postures a
 wrist joint differs by 180° less twice axis 5."""
-_CLOSEST_RAD = np.radians(150.0)
-"""The same for a controller that chooses the closest solution, by an unknown measure. Chosen."""
-_CLEARLY, _CLOSER = 2.0, 1.5
-"""Ratio of the distances to the second nearest and the nearest solution below which it is ambiguous; the second value
-if several measures agree. Chosen."""
+_CLEARLY = 2.0
+"""Ratio of the distances to the second nearest and the nearest solution below which it is ambiguous. Chosen."""
 _ANY_MM_S = 100.0
 """Speed for computing a path. The positions do not depend on the speed."""
 _PAST_SINGULARITY = 0.01
@@ -78,7 +75,10 @@ def solved(
     lines = {step.target for step in steps if step.way == "line" and targets[step.target].joints}
     by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # A line to joint angles ends at their pose.
     poses[by_line] = forward(arm, q[by_line])
-    branches = dict(zip([*asked, *by_line], _branches(arm, poses[[*asked, *by_line]]), strict=True))
+    branches: dict[int, Array | Reason] = {
+        k: of if isinstance(of, str) else of.q
+        for k, of in zip([*asked, *by_line], solutions_within_limits(arm, poses[[*asked, *by_line]]), strict=True)
+    }
     postures = _Postures(arm, targets, poses, branches, q, np.zeros((len(targets), 3)) if tips is None else tips)
     for k in asked:
         solutions, target = branches[k], targets[k]
@@ -96,19 +96,6 @@ def solved(
     return q[:AT_BEGIN], postures.reasons
 
 
-def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
-    """Solutions (m, 6) rad of each pose within the limits, including full turns, or the reason if there are none."""
-    solutions = inverse(arm, poses)
-    every: list[Array | Reason] = []
-    for q, in_reach in zip(solutions.q, solutions.found, strict=True):
-        if not in_reach.any():
-            every.append("unreachable")
-            continue
-        allowed, _ = within_limits(arm, q[in_reach])
-        every.append(allowed if len(allowed) else "beyond_limits")
-    return every
-
-
 def _nearest(solutions: Array, near: Array) -> Array | Reason:
     """Solution (6,) rad nearest to angles (6,) rad, or the reason if it is ambiguous."""
     away = np.abs(solutions - near).max(axis=1)
@@ -120,15 +107,8 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
 
 
 def _closest(solutions: Array, stands: Array) -> Array | Reason:
-    """Solution (6,) rad that is the closest to angles (6,) rad by every measure, or the reason if there is none."""
-    turns = np.abs(solutions - stands)
-    measures = np.array([turns.max(axis=1), turns.mean(axis=1), np.sqrt(np.mean(turns**2, axis=1))])
-    best = int(measures[0].argmin())
-    others = np.delete(measures, best, axis=1)
-    if measures[0, best] > _CLOSEST_RAD or (others < _CLOSER * measures[:, [best]]).any():
-        return "ambiguous"
-    closest: Array = solutions[best]
-    return closest
+    closest = closest_solution(solutions, stands)
+    return "ambiguous" if closest is None else closest
 
 
 @dataclass

@@ -248,12 +248,13 @@ def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
     import numpy as np
 
     from analysis.apps.programs.target_path import read_targets
-    from analysis.correction.corrected_targets import angles_for
+    from analysis.correction.table_postures import find_postures, stated_posture
 
     read, poses, q = read_targets(path, rig)
     if q is not None:
         return q, poses
-    q, left = angles_for(rig, poses)
+    postures = find_postures(rig, poses, stated_posture(rig, None, None))
+    q, left = postures.q, postures.unsolved
     if len(left) == len(q):
         problem, remedy = f"none of the targets is usable: the first {left[0].what}", "give targets within reach"
         if left[0].reason == "controller_unknown":
@@ -261,6 +262,10 @@ def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
         raise FileError(str(path), problem, remedy, code="plan.targets")
     for target in left:
         say(f"{path}, line {read.lines[target.place]}: {target.what}; left out", err=True, mark="note: ")
+    if postures.several:
+        count = f"{len(postures.several)} of {len(q)} poses can be reached in several postures"
+        chosen = "the one closest to the tests of the rig file is used"
+        say(f"{path}: {count}, and {chosen}; joint angles would state it", err=True, mark="note: ")
     known = np.isfinite(q).all(axis=1)
     return q[known], poses[known]
 

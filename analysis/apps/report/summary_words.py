@@ -374,6 +374,9 @@ class _SummaryWords(ActWords):
             basis = "basis_out_of_range"
         elif is_used and crossed:
             basis = "basis_crossed"
+        judged = diagnosis.calibrated.judged if diagnosis.calibrated else None
+        if basis == "basis_used" and judged and judged.left_out_um is not None:
+            after_um, basis = max(after_um, judged.left_out_um), "basis_left_out"
         now, after = self.error_size(now_um, gap.u_um), self.error_size(after_um, after_u_um)
         # An error that the acts do not certainly reduce is not shown as one after them.
         is_same = after.partition(" ± ")[0] == now.partition(" ± ")[0]

@@ -135,7 +135,19 @@ def plan_next(
     stated = (CHECK_STATED,) if diagnosis.contradictions else ()
     before = (*stated, *(_before(evidence.used) if early else ()))
     acts = acts_of(diagnosis, judged, tests, before)
-    return replace(diagnosis, next_test=best and best[0], doubts=(*diagnosis.doubts, *why_none), acts=acts)
+    diagnosis = replace(diagnosis, next_test=best and best[0], doubts=(*diagnosis.doubts, *why_none), acts=acts)
+    return _with_measure_first(diagnosis)
+
+
+def _with_measure_first(diagnosis: Diagnosis) -> Diagnosis:
+    """Store in the calibrated model that the first act asks for more readings before a correction."""
+    calibrated, first = diagnosis.calibrated, diagnosis.next_act
+    asks = first is not None and first.kind == "measure" and first.why in ("elsewhere", "few_runs")
+    if not asks or calibrated is None or calibrated.judged is None:
+        return diagnosis
+    judged = calibrated.judged.model_copy(update={"measure_first": True})
+    fields = {name: getattr(calibrated, name) for name in type(calibrated).model_fields}
+    return replace(diagnosis, calibrated=type(calibrated).model_construct(**fields | {"judged": judged}))
 
 
 _ALIKE = "other tests do not separate {} from the rivals: the corrections have the same effect"

@@ -35,9 +35,10 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Arm, Array, Mask, blocks, cos_sin
+from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, blocks, cos_sin
 from analysis.robot.kinematics.joint_limits import distinct, good, may_have_duplicates, off_by, wrapped
 from analysis.robot.kinematics.newton import LENGTH_MM, TOLERANCE_MM, from_nearby, newton, null_motion
+from rigs.schema.vocabulary import DRIVEN_AXES
 
 Kind = Literal["spherical wrist", "parallel axes"]
 
@@ -343,6 +344,19 @@ class Solutions:
     q: Array
     found: Mask
     complete: bool
+
+
+NO_BRANCH = -1
+"""Branch of a posture if the arm has no closed form."""
+
+
+def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
+    """Configuration (m,) of postures q (m, axes) rad at their poses (m, 4, 4): 4 · shoulder + 2 · elbow + wrist."""
+    form = canonical(arm) if arm.axes == DRIVEN_AXES and arm.rail is None else None
+    if form is None or not len(q):
+        return np.full(len(q), NO_BRANCH, dtype=np.int64)
+    turned = (q @ arm.coupling.T + arm.offset).T
+    return np.asarray(np.abs(wrapped(branches(form, poses) - turned)).max(axis=1).argmin(axis=0), dtype=np.int64)
 
 
 def inverse(arm: Arm, poses: Array) -> Solutions:

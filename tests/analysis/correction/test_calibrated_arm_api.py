@@ -147,3 +147,23 @@ def test_its_joint_is_commanded_further_by_half_its_width():
     assert np.abs(ahead_deg[:, 4]).max() == pytest.approx(USUAL.width_deg / 2, rel=1e-6)
     assert not ahead_deg[:, [1, 3]].any()  # the joints of which no play is known stay
     assert not ahead_of_plays(calibrated(), plan)[:, 4].any()
+
+
+def test_uncertainty_in_a_taught_frame_does_not_depend_on_a_test_that_was_not_driven(tmp_path):
+    file, _ = written(tmp_path)
+    rig, q_deg = load(str(file))[0], np.full((1, 6), 10.0)
+    without = rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": None, "hemisphere": None})})
+    first, second = (calibrated_arm(one.calibrated_as(rig)).forward(q_deg) for one in (rig, without))
+    np.testing.assert_allclose(first.u_frame_mm, second.u_frame_mm)
+    assert 0 < first.u_frame_mm[0] < first.u_mm[0]
+
+
+def test_posture_that_selects_a_solution_is_named():
+    rig, _ = load("paper-fanuc")
+    stated = rig.model_copy(update={"robot": rig.robot.model_copy(update={"posture_deg": (0, 20, 10, 0, 60, 0)})})
+    arm = calibrated_arm(stated)
+    T = arm.forward([5, 25, 10, 5, 55, 5]).T
+    found = arm.inverse(T)
+    np.testing.assert_allclose(found.near_deg, [[0, 20, 10, 0, 60, 0]])
+    np.testing.assert_allclose(found.q_deg[0], [5, 25, 10, 5, 55, 5], atol=1e-6)
+    assert arm.inverse(T, near_deg=[0, 20, 10, 180, -60, 180]).q_deg[0][4] < 0

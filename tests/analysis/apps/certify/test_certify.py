@@ -14,8 +14,8 @@ from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
-from analysis.robot.kinematics.arm import arm_of, forward
-from rigs.calibration import packed_factor
+from analysis.robot.kinematics.arm import arm_of, forward, roll_pitch_yaw
+from rigs.calibration import ModelAssessment, packed_factor
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from rigs.load import load
 from rigs.schema.limits import Limits
@@ -207,3 +207,78 @@ def test_backlash_moves_a_target_by_half_its_width_times_the_lever():
         (approach,) = (one for one in causes_of(rig, work, (q, poses), None) if one.nature == "approach")
         assert approach.mean == pytest.approx(mean + 0 * half, abs=1e-4)
         assert np.abs(approach.own[:, 0]) == pytest.approx(np.abs(own + 0 * half), abs=1e-4)
+
+
+def certified_poses(directory: Path, terms: Sequence[tuple[Effect, float]], tolerance: str, options: str = "") -> Any:
+    """Certify A, B and C of `TARGETS` as poses, which a FANUC reaches in up to eight postures."""
+    wide = tuple((low, high) for low, high in [(-360.0, 360.0)] * 6)
+    model = calibrated_model(terms, factor=packed_factor(1e-4 * np.eye(len(terms) + 1)), joints_deg=wide)
+    written(directory, model)
+    rig, _ = load(str(directory / "cell.yaml"))
+    T = forward(arm_of(rig.robot), np.radians([[q1, q2, -8, 2, -15, 5] for _, q1, q2 in ROWS[:3]]))
+    rows = np.hstack([T[:, :3, 3], np.degrees(roll_pitch_yaw(T))]).tolist()
+    lines = ["name,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg"]
+    lines += [",".join([name, *map(repr, row)]) for (name, *_), row in zip(ROWS, rows, strict=False)]
+    (directory / "poses.csv").write_text("\n".join(lines))
+    asked = f"--calibration data_sheet --repeatability 0.02 --json --tolerance {tolerance} {options}"
+    return ran(f"certify poses.csv --rig cell.yaml {asked}", cwd=directory)
+
+
+NEAR = "--near 0,5,-8,2,-15,5"
+WRIST = ((JointOffset(axis=2, offset_deg=0.1), 1.0), (JointOffset(axis=5, offset_deg=0.3), 1.0))
+"""Axis 5 turns the tool to the opposite side in the other posture of the wrist."""
+
+
+def test_feature_with_one_verdict_in_all_postures_is_decided_and_otherwise_undecided_with_the_range(tmp_path):
+    def judged(tolerance: str, options: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
+        found = json.loads(certified_poses(tmp_path / f"{tolerance}{len(options)}", WRIST, tolerance, options).stdout)
+        return found["features"][0], found["posture"]
+
+    errors = []
+    for tolerance, verdict in (("A=0.001mm", "reject"), ("A=50mm", "accept"), ("distance:A,B=50mm", "accept")):
+        feature, _ = judged(tolerance)
+        assert (feature["verdict"], feature["corrected"]["verdict"]) == (verdict, verdict), tolerance
+        errors.append(feature["expected_mm"])  # of the posture that decides
+    low, high, _ = errors
+    between = f"A={(low + high) / 2:.3f}mm"
+    feature, posture = judged(between)
+    assert (feature["verdict"], feature["probability"], feature["cause"]) == ("undecided", None, None)
+    np.testing.assert_allclose(feature["range_mm"], [low, high], atol=1e-9)
+    assert "postures are possible" in feature["why"]
+    assert posture == {"source": None, "joints_deg": None, "not_stated": 3}
+    line, _ = judged("straightness:A,C=9mm")
+    assert line["verdict"] == "undecided" and "postures" in line["why"]
+    feature, posture = judged(between, NEAR)
+    assert feature["probability"] is not None and feature["range_mm"] is None
+    assert posture == {"source": "--near", "joints_deg": [0, 5, -8, 2, -15, 5], "not_stated": 0}
+
+
+def test_statement_of_a_posture_for_joint_targets_or_of_no_posture_is_refused(tmp_path):
+    written(tmp_path, calibrated_model(SHIFT))
+    (tmp_path / "targets.csv").write_text(TARGETS)
+    call = "certify targets.csv --rig cell.yaml --tolerance A=1mm"
+    assert failure_of(f"{call} {NEAR}", cwd=tmp_path) == (2, "program.option")
+    assert failure_of(f"{call} --start-joints 0,0,0,0,0,0", cwd=tmp_path) == (2, "program.option")
+    done = certified_poses(tmp_path / "poses", SHIFT, "A=1mm", "--near 0,5,-8")
+    assert (done.returncode, "must be 6 numbers, one for each joint, but has 3" in done.stderr) == (2, True)
+
+
+def test_model_for_which_calibrate_asks_for_more_readings_decides_nothing_and_says_why(tmp_path):
+    def judged(**changed: Any) -> dict[str, Any]:
+        assessment = ModelAssessment(
+            condition="nothing_unusual", place="used", before_um=500, names_um=9, whole_um=9, handed_um=9, noise_um=9,
+            unexplained_um=0, **changed,
+        )  # fmt: skip
+        there = tmp_path / str(len(changed))
+        written(there, calibrated_model(SHIFT, factor=packed_factor(1e-3 * np.eye(2)), judged=assessment))
+        (there / "targets.csv").write_text(TARGETS)
+        done = ran("certify targets.csv --rig cell.yaml --repeatability 0.02 --json --tolerance A=9mm", cwd=there)
+        feature: dict[str, Any] = json.loads(done.stdout)["features"][0]
+        return feature | {"stderr": done.stderr}
+
+    assert judged()["verdict"] == "accept"
+    first = judged(measure_first=True)
+    assert (first["verdict"], first["probability"]) == ("undecided", 1.0)
+    assert "asks for more readings" in first["why"] and "no reading was left out" in first["why"]
+    assert "rig plan cell.yaml --next" in first["stderr"]
+    assert "93 µm rms" in judged(measure_first=True, left_out_um=93.0)["why"]

@@ -50,7 +50,8 @@ def test_poses_are_corrected_only_with_the_constants_of_the_controller(here, tmp
     assert not (tmp_path / "refused").exists()
     constants = tmp_path / "my_robot_calibration.yaml"
     write_ur_calibration(constants)
-    succeeded(f"correct {rig_file} --path {table} --calibration {constants} -o {tmp_path}/out")
+    near = ",".join(map(str, np.degrees(POSTURES[0]).round(3)))
+    succeeded(f"correct {rig_file} --path {table} --near {near} --calibration {constants} -o {tmp_path}/out")
     q = []
     for row, near in zip(numbers_in(tmp_path / "out" / "corrected-path.csv", *POSES), POSTURES, strict=True):
         sent = np.eye(4)

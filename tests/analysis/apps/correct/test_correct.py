@@ -14,6 +14,7 @@ from analysis.apps.correct.correction_report import answer_of, write
 from analysis.apps.report.texts import keys_of
 from analysis.correction.corrected_targets import CorrectedTargets, corrected
 from analysis.correction.support import supports
+from analysis.correction.table_postures import stated_posture
 from analysis.correction.work import tool_poses
 from analysis.intake.read import TableFileError
 from analysis.robot.kinematics.arm import Array, arm_of, forward
@@ -89,21 +90,24 @@ def test_corrected_angles_bring_the_real_arm_to_its_targets(tmp_path):
 
 
 def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path):
-    wanted = forward(arm_of(RIG.robot), np.radians(TARGETS[:2]))
+    given = np.array([TARGETS[0], [10, 25, 0, 20, 70, 30]])
+    wanted = forward(arm_of(RIG.robot), np.radians(given))
     turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
     values = np.concatenate([wanted[:, :3, 3], turns], axis=1)
     names = (*PLACES, *TURNS)
     rows = [",".join(map(repr, row)) for row in values.tolist()]
-    *_, path = write(correct_rig(_rig(*EFFECTS, ALPHA3), _path(tmp_path, rows, ",".join(names))), tmp_path / "out")
+    rig = _rig(*EFFECTS, ALPHA3)
+    start = stated_posture(rig, None, ",".join(map(str, given[0])))
+    *_, path = write(correct_rig(rig, _path(tmp_path, rows, ",".join(names)), posture=start), tmp_path / "out")
     corrected = numbers_in(path, *names)
     T = np.tile(np.eye(4), (len(corrected), 1, 1))
     T[:, :3, :3] = Rotation.from_euler("xyz", corrected[:, 3:], degrees=True).as_matrix()
     T[:, :3, 3] = corrected[:, :3]
     # The controller solves with its nominal constants, in the posture in which the path was given.
     branches = inverse(arm_of(RIG.robot), T).q
-    nearest = np.nanargmin(np.abs(branches - np.radians(TARGETS[:2])[:, None]).max(axis=2), axis=1)
+    nearest = np.nanargmin(np.abs(branches - np.radians(given)[:, None]).max(axis=2), axis=1)
     real = _flanges(branches[np.arange(2), nearest])
-    np.testing.assert_allclose(real, _flanges(np.radians(TARGETS[:2]), is_nominal=True), atol=1e-4)
+    np.testing.assert_allclose(real, _flanges(np.radians(given), is_nominal=True), atol=1e-4)
 
 
 def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path):

@@ -19,9 +19,9 @@ from analysis.diagnosis.judge.certainty import is_sure
 from analysis.diagnosis.judge.residuals import Residual
 from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, GroupMember, Rival
 from analysis.diagnosis.judge.verdict import Gaps, shows_time
-from analysis.diagnosis.plan.plan_next import parts_to_identify
+from analysis.diagnosis.plan.plan_next import _with_measure_first, parts_to_identify
 from analysis.runs.tables import CircleTable
-from rigs.calibration import ModelAssessment, ground_of, verdict_of
+from rigs.calibration import CalibratedModel, ModelAssessment, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, BallForm, Compliance, Effect, JointOffset, LinkGeometry
 from rigs.families import link_sizes
 from rigs.load import load
@@ -343,3 +343,13 @@ class _Judged:
 
     def removed(self, effects: Sequence[Effect], _relative_u: float = 0.0) -> Act:
         return Act("none", "sound", removes_um=float(len(effects)), remains_um=10.0 - len(effects))
+
+
+@pytest.mark.parametrize(("why", "asks"), [("elsewhere", True), ("few_runs", True), ("group", False)])
+def test_calibration_keeps_that_the_first_act_asks_for_more_readings(why, asks):
+    assessment = ModelAssessment(
+        condition="named", place="used", before_um=9, names_um=2, whole_um=2, handed_um=2, noise_um=1, unexplained_um=0
+    )
+    found = replace(diagnosis("named"), acts=(Act("measure", why),), calibrated=calibrated_model(judged=assessment))
+    kept = _with_measure_first(found).calibrated
+    assert CalibratedModel.read(kept.content).judged.measure_first is asks
