@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.support.nightly import cases
 
@@ -29,11 +30,20 @@ def test_the_wheel_works_in_an_empty_environment(borrow):
     assert f"rig {PROJECT['version']}; rigd starts" in done.stdout
 
 
-def test_the_version_stands_in_one_place():
+def test_the_citation_has_version_and_date_of_the_last_release():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    released = re.search(r"^## \[(.+)\] - (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert released and (str(citation["version"]), str(citation["date-released"])) == released.groups()
+
+
+def test_the_version_stands_in_one_place_and_in_the_citation():
     tracked = _run("git", "ls-files", "-z", "*.py", "*.cff", "*.md", "*.toml", "scripts").stdout.split("\0")
     quoted = re.compile(rf"(?<![\d.]){re.escape(PROJECT['version'])}(?![\d.])")
     found = [name for name in tracked if name and quoted.search((ROOT / name).read_text())]
-    assert [name for name in found if not name.endswith(("CHANGELOG.md", ".lock"))] == ["pyproject.toml"]
+    assert [name for name in found if not name.endswith(("CHANGELOG.md", ".lock"))] == [
+        "CITATION.cff",
+        "pyproject.toml",
+    ]
 
 
 def test_the_extra_of_all_holds_every_other_but_that_of_developers():

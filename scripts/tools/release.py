@@ -1,6 +1,6 @@
 """Check the requirements of a release before tagging it, and list the manual steps.
 
-The version is defined only in pyproject.toml. The exit code is 1 if a requirement is not met.
+The version is defined in pyproject.toml, and repeated in CITATION.cff. The exit code is 1 if a requirement is not met.
 """
 
 from __future__ import annotations
@@ -57,6 +57,9 @@ def of_files(root: Path, version: str) -> Iterator[tuple[str, str]]:
     yield "the version is new", f"v{version} is tagged; raise version in pyproject.toml" if tagged else ""
     sections = _sections((root / "CHANGELOG.md").read_text(encoding="utf-8"))
     yield "CHANGELOG.md has a section of it", "" if sections.get(version) else f"write its lines under ## {version}"
+    cited = re.search(r"^version: (.+)$", (root / "CITATION.cff").read_text(encoding="utf-8"), re.M)
+    remedy = f"set version and date-released to those of {version}"
+    yield "CITATION.cff has the version", "" if cited and cited[1] == version else remedy
     yield "no line of CHANGELOG.md is left over", f"move them to ## {version}" if sections.get("Unreleased") else ""
 
 
