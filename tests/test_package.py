@@ -70,6 +70,7 @@ def test_example_writes_valid_rig_files_and_replaces_none(tmp_path):
 @pytest.fixture
 def checkout(tmp_path):
     (tmp_path / "pyproject.toml").write_text('[project]\nversion = "1.2.3"\n')
+    (tmp_path / "CITATION.cff").write_text("version: 1.2.3\n")
     (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## [1.2.3] - 2026-11-21\n\n- New.\n\n## 1.2.2\n\n- Old.\n")
     _run("git", "init", "--quiet", cwd=tmp_path)
     _commit(tmp_path)

@@ -30,7 +30,7 @@ FOLLOWED = {
     "G92 and back": "G92 X500\nG92.1",
     "G92.2": "G92 X500\nG92.2",
     "diameters and back": "G7\nG8",
-    "parameters": "#1=5 #2=[3*[2+1]]\n#<_a>=SQRT[4]\n#3 = #1",
+    "parameters": "#1=5 #2=[3*[2+1]]\n#4=SQRT[4]\n#3 = #1",
     "an own routine": "o9 sub\nG64\no9 endsub\no9 call",
 }
 LEFT = {
