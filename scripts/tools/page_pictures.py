@@ -24,7 +24,7 @@ from tests.support.command_line import ran
 _HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.008}]\neccentricity_mm: [0.3, -0.2, 0.1]\n"
 _RUNS = (("yaw", 2, 0), ("repeatability", 1, 20), ("radial", 1, 30))
 """Test, number of runs (in each direction), and noise seed."""
-_README_HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.02}]\neccentricity_mm: [0.6, -0.4, 0.1]\n"
+_README_HIDDEN = "effects: [{effect: joint_offset, axis: 3, offset_deg: 0.2}]\neccentricity_mm: [0.6, -0.4, 0.1]\n"
 _README_RUNS = (("yaw", 3, 0), ("roll", 3, 10), ("radial", 1, 20))
 _VERDICTS = {"phone": (390, 844), "desktop": (1280, 520)}
 """Width and height in pixels of the verdict pictures of the README."""
