@@ -127,7 +127,7 @@ def save_run(run: Measured, directory: str | Path) -> Path:
 
     Example:
 
-        run = simulate("ur10e", "roll", "acw")
+        run = simulate("ur10e-cell", "roll", "acw")
         save_run(run, "runs/monday-acw")
 
     Source: docs/recording.md (run directories).
@@ -170,7 +170,7 @@ def simulate(
 
     Example:
 
-        run = simulate("ur10e", "roll", "cw", seed=7)
+        run = simulate("ur10e-cell", "roll", "cw", seed=7)
         print(run.table.g_mm.shape, run.table.q.shape)
 
     Source: docs/simulation.md.
@@ -200,7 +200,7 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
 
     Example:
 
-        result = evaluate(simulate("ur10e", "roll", "acw"))
+        result = evaluate(simulate("ur10e-cell", "roll", "acw"))
         band = result.figures["band_deg"]
         print(band.value, band.u, band.unit)
 
@@ -221,7 +221,7 @@ def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
 
     Example:
 
-        runs = [simulate("ur10e", "roll", way) for way in ("acw", "cw")]
+        runs = [simulate("ur10e-cell", "roll", way) for way in ("acw", "cw")]
         for result in evaluate_runs(runs):
             print(result.title, result.figures["band_deg"])
 
@@ -248,7 +248,7 @@ def compare(
 
     Example:
 
-        compared = compare(simulate("ur10e", "roll", "acw"))
+        compared = compare(simulate("ur10e-cell", "roll", "acw"))
         print(compared.runs[0].rms_um)
 
     Source: docs/simulation.md.
@@ -291,7 +291,7 @@ def calibrate(
 
     Example:
 
-        runs = [simulate("ur10e", "roll", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
+        runs = [simulate("ur10e-cell", "roll", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
         found = calibrate(runs, "backlash:1")
         print(found.train.before_um, found.train.calibrated_um)
 
@@ -331,7 +331,7 @@ def diagnose(
 
     Example:
 
-        runs = [simulate("ur10e", "roll", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
+        runs = [simulate("ur10e-cell", "roll", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
         found = diagnose(runs)
         print(found.condition, [cause.effect for cause in found.standing])
 

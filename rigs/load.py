@@ -99,11 +99,12 @@ def shipped_effects() -> dict[str, Path]:
 
 
 def find(name: str | Path) -> Path:
-    """A rig file by path, a shipped rig by name (`paper-fanuc`), or an arm of the library (`ur5`).
+    """A rig file by path, a shipped cell by name (`ur10e-cell`), or an arm of the library (`ur10e`).
 
-    Raises FileError that lists the shipped rigs.
+    No shipped cell has the name of an arm, so the name of an arm never brings a tool, a payload or gauges. Raises
+    FileError that lists the shipped rigs.
     """
-    return _find_file(name, {**arm_files(), **shipped()}, "rig file", "rig", shipped())
+    return _find_file(name, {**shipped(), **arm_files()}, "rig file", "rig", shipped())
 
 
 def _find_file(

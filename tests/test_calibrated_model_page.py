@@ -93,7 +93,7 @@ def written(tmp_path_factory):
     of_row: Callable[[Any], Effect] = TypeAdapter(AnyEffect).validate_python
     named = [of_row(row) for row in NAMED]
     terms = [(of_row(row), times) for row, times in [*TERMS, *LEFT_OUT]]
-    text = load("ur10")[1]
+    text = load("ur10-cell")[1]
     for old, new in OTHERS.items():
         assert text.count(old) == 1
         text = text.replace(old, new)

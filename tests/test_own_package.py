@@ -83,12 +83,12 @@ def test_gauge_robot_and_effect_of_other_packages_are_used(site):
 def test_a_test_kind_of_another_package_is_imported_and_evaluated(site):
     table = HOW_TO / "examples" / "test_kind" / "heights.csv"
     rig = (sys.executable, "-c", "from analysis.cli import main; main()")
-    done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "height", "-o", "heights/monday")
+    done = run(site, *rig, "import", str(table), "--rig", "ur10e-cell", "--test", "height", "-o", "heights/monday")
     assert done.returncode == 0, done.stderr
     done = run(site, *rig, "analyse", "heights/monday", "--json")
     assert '"height_band_mm": {' in done.stdout, done.stdout + done.stderr
     offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere:Kind", "touch": "cell_height:Height"}})
-    done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "half_kind", "-o", "heights/tuesday")
+    done = run(site, *rig, "import", str(table), "--rig", "ur10e-cell", "--test", "half_kind", "-o", "heights/tuesday")
     assert done.returncode == 3 and "nowhere:Kind" in done.stderr
     done = run(site, sys.executable, "-c", "import analysis.runs.tables as t; print(t.format_of('touch'))")
     assert "analysis.procedures.touch" in done.stdout
@@ -107,7 +107,7 @@ for name in "half_made", "bare":
         maker_by(name).writer
     except UseError as error:
         print(error)
-sys.argv[1:] = "program", "ur10e", "--for", "Acme", "--test", "yaw", "-o", sys.argv[1]
+sys.argv[1:] = "program", "ur10e-cell", "--for", "Acme", "--test", "yaw", "-o", sys.argv[1]
 main()
 """
 

@@ -59,12 +59,12 @@ def test_example_writes_valid_rig_files_and_replaces_none(tmp_path):
     assert done.returncode == 0, done.stderr
     written = {Path(line).name for line in done.stdout.splitlines()}
     assert written == {path.name for path in (ROOT / "rigs").glob("*.yaml")}
-    assert _run(RIG, "check", tmp_path / "rigs" / "ur10e.yaml").returncode == 0
-    (tmp_path / "rigs" / "ur10.yaml").unlink()
+    assert _run(RIG, "check", tmp_path / "rigs" / "ur10e-cell.yaml").returncode == 0
+    (tmp_path / "rigs" / "ur10-cell.yaml").unlink()
     again = _run(RIG, "example", tmp_path / "rigs")
     assert (again.returncode, again.stdout) == (3, "")
     assert again.stderr.startswith(f"error: {tmp_path}/rigs/paper-errors.yaml: ")
-    assert not (tmp_path / "rigs" / "ur10.yaml").exists()
+    assert not (tmp_path / "rigs" / "ur10-cell.yaml").exists()
 
 
 @pytest.fixture

@@ -45,7 +45,7 @@ class Result(Tabular):
 
     Example:
 
-        result = evaluate(simulate("ur10e", "radial"))
+        result = evaluate(simulate("ur10e-cell", "radial"))
         print(result.title, result.figures["band_mm"])
         table = result.curve.to_table()
     """

@@ -31,7 +31,7 @@ Sends = Literal["nothing", "requests", "all"]
 _MOST_CHANNELS = 8
 STAND_IN: dict[str, Any] = {"range_mm": 100.0}
 """Substitutes for keys known only to the owner: readings are then percentages of the range."""
-_MODBUS_EXAMPLE = "ur10e"
+_MODBUS_EXAMPLE = "ur10e-cell"
 """Shipped rig with the only known Modbus register map, that of OM20 and OM30 by Baumer."""
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
 

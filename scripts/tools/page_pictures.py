@@ -75,7 +75,7 @@ def main() -> None:
 
 def made_page(
     directory: Path,
-    rig: str = "ur10e",
+    rig: str = "ur10e-cell",
     hidden: str = _HIDDEN,
     runs: Sequence[tuple[str, int, int]] = _RUNS,
     hold_out: str = "",

@@ -126,8 +126,8 @@ def use_extras(environment: Environment) -> str:
     report line.
     """
     environment.run("rig", "example", "rigs")
-    (run, *_) = environment.run("rig", "simulate", "rigs/ur10e.yaml", "--test", "yaw", "-o", "runs").split()
-    environment.run("rig", "export-urdf", "rigs/ur10e.yaml", "-o", "arm.urdf")
+    (run, *_) = environment.run("rig", "simulate", "rigs/ur10e-cell.yaml", "--test", "yaw", "-o", "runs").split()
+    environment.run("rig", "export-urdf", "rigs/ur10e-cell.yaml", "-o", "arm.urdf")
     environment.run("rig", "import-urdf", "arm.urdf", "-o", "arm.yaml")
     environment.run("rig", "export", run, "--to", "xlsx", "-o", "run.xlsx")
     environment.run("rig", "report", run, "--no-diagnosis", "-o", "report.pdf")

@@ -25,7 +25,7 @@ def _quick(gauges: str, laps: int) -> str:
 )
 def test_laps_are_recorded_analysed_and_agree_with_the_truth(tmp_path, gauges, direction, laps):
     text = _quick(gauges, laps)
-    rig = load_hidden("ur10e").apply_to(parse(text, "quick"))
+    rig = load_hidden("ur10e-cell").apply_to(parse(text, "quick"))
     robot = EmulatedRobot.of_rig(rig, seed=7)
     (tmp_path / "truth.json").write_text(json.dumps(ideal_results(rig, robot.traces)))
     with SimulatedBench(tmp_path, text, robot) as bench:

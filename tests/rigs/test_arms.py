@@ -9,8 +9,10 @@ from pydantic import ValidationError
 from rigs import arms
 from rigs.arms import ArmFile, arm_names, load_arm
 from rigs.errors import FileError
-from rigs.load import SHIPPED, parse
-from rigs.schema.robot import Robot
+from rigs.load import SHIPPED, load, parse, shipped
+from rigs.schema.feedback import NoFeedback
+from rigs.schema.limits import Limits
+from rigs.schema.robot import Pose, Robot
 from tests.support.second_sources import SOURCES
 
 ARMS = arm_names()
@@ -20,6 +22,18 @@ def test_the_library_has_these_arms():
     assert set(ARMS) == set(SOURCES)
     assert list(ARMS) == sorted(ARMS)
     assert len(ARMS) == len(list(Path(arms.__file__).parent.glob("*.yaml"))) == 31
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_name_of_an_arm_brings_no_cell(name):
+    rig, _ = load(name)
+    assert rig.robot == load_arm(name).robot and rig.robot.tool == Pose() and rig.robot.payload_kg == 0
+    assert not rig.gauges.recorded and isinstance(rig.feedback, NoFeedback)
+    assert (rig.tests, rig.limits, rig.effects) == (type(rig.tests)(), Limits(), ())
+
+
+def test_no_shipped_cell_has_the_name_of_an_arm():
+    assert not set(shipped()) & set(ARMS)
 
 
 @pytest.mark.parametrize("name", ARMS)

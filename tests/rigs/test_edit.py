@@ -13,7 +13,7 @@ from rigs.problems import RigFileError
 from rigs.rig import Rig
 from rigs.yaml_text import flow, read_yaml
 
-UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
+UR10E = (SHIPPED / "ur10e-cell.yaml").read_text(encoding="utf-8")
 FANUC = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
 VALUES = {
     "centre_mm": [-600.125, -210.5, 240.0],
@@ -173,7 +173,7 @@ TEXT = (SHIPPED / "paper-errors.yaml").read_text()
         (WITHOUT + "effects: []\n", 0),
         (WITHOUT + "effects: [{effect: backlash, axis: 1, width_deg: 0.02}]\n", 1),
         (WITHOUT + "effects:\n- effect: backlash\n  axis: 1\n  width_deg: 0.02\n# the end\n", 1),
-        ((SHIPPED / "ur10.yaml").read_text(), 0),
+        ((SHIPPED / "ur10-cell.yaml").read_text(), 0),
     ],
 )
 def test_effects_are_added_behind_those_there_are(text, before):

@@ -35,7 +35,7 @@ def test_an_error_has_the_code_of_its_kind_or_its_own(error, code):
     }  # fmt: skip
 
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 
 
 @pytest.mark.parametrize(("part", "named"), [("", "cell.yaml"), ("tests.circle", "cell.yaml, tests.circle")])

@@ -30,7 +30,7 @@ def test_wrong_gear_ratio_is_named_without_zero_or_gear(axis):
     turned = q.copy()
     turned[:, axis - 1] *= 0.97
     seen = cell("ur10e", none(), rng).seen(turned, rng)
-    found = found_in([pose_run("ur10e", q, seen.xyz_mm)], load("ur10e")[0])
+    found = found_in([pose_run("ur10e", q, seen.xyz_mm)], load("ur10e-cell")[0])
     assert [name_of(name.effect) for name in found.standing] == [f"joint_scale {axis}"]
     (named,) = found.standing
     assert isinstance(named.effect, JointScale)

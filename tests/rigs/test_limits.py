@@ -29,7 +29,7 @@ def test_one_number_is_a_fail_and_two_are_watch_and_fail():
 
 @pytest.mark.parametrize(
     ("name", "tolerance_mm", "rp_mm"),
-    [("paper-fanuc", 0.25, None), ("paper-errors", 0.25, None), ("ur10e", 0.25, 0.05), ("ur10", 0.5, 0.1)],
+    [("paper-fanuc", 0.25, None), ("paper-errors", 0.25, None), ("ur10e-cell", 0.25, 0.05), ("ur10-cell", 0.5, 0.1)],
 )
 def test_the_shipped_rigs_have_the_limits_that_rig_offers(name, tolerance_mm, rp_mm):
     rig = load(name)[0]
@@ -38,7 +38,7 @@ def test_the_shipped_rigs_have_the_limits_that_rig_offers(name, tolerance_mm, rp
 
 
 def test_data_sheet_supplies_missing_limits():
-    limits = load("ur10e")[0].limits
+    limits = load("ur10e-cell")[0].limits
     assert limits.of("repeatability", "rp_mm") == Limit(fail=0.05)
     assert limits.from_data_sheet("repeatability", "rp_mm")
     own = Limits(data_sheet_rp_mm=0.05, repeatability=RepeatabilityLimits(rp_mm=Limit(fail=0.02)))
@@ -95,7 +95,7 @@ def test_missing_fail_or_watch_has_its_default():
     [("yaw", CircleLimits), ("radial", RadialLimits), ("repeatability", RepeatabilityLimits)],
 )
 def test_every_limit_belongs_to_a_figure(test, named):
-    figures = set(evaluate(simulate("ur10e", test, "acw" if test == "yaw" else None)).figures)
+    figures = set(evaluate(simulate("ur10e-cell", test, "acw" if test == "yaw" else None)).figures)
     of_pairs = {"hysteresis_max_deg", "hysteresis_mean_deg", "hysteresis_max_mm", "hysteresis_mean_mm", "range_deg"}
     of_many_visits = {"rp_mm", "rp_mean_mm"}
     of_motors = {f"friction_j{axis}_a" for axis in range(1, 7)}

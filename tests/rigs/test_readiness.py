@@ -50,7 +50,7 @@ def test_command_for_two_gauges_refuses_one(words, tmp_path):
 
 
 def test_length_in_metres_is_doubted_and_makes_its_test_impossible(tmp_path):
-    text = load("ur10e")[1]
+    text = load("ur10e-cell")[1]
     for key, value, doubt, missing in (
         ("d_mm: 119.85", "d_mm: 0.11985", "axis 5 (wrist 2): d_mm ", ""),
         ("a_mm: -612.7", "a_mm: -0.6127", "axis 3 (elbow): a_mm ", "not possible: yaw, roll: "),

@@ -46,7 +46,7 @@ def test_shipped_rigs_have_no_faults_and_hidden_effects_are_separate():
     for name in shipped().keys() - {"paper-errors"}:
         rig, _ = load(name)
         assert rig.effects == () and rig.tests.circle and rig.tests.circle.eccentricity_mm == (0, 0, 0), name
-    assert list(shipped_effects()) == ["paper-fanuc", "ur10e"]
+    assert list(shipped_effects()) == ["paper-fanuc", "ur10e-cell"]
     for name in shipped_effects():
         grown = load_hidden(name).apply_to(load(name)[0])
         assert grown.effects and grown.tests.circle and any(grown.tests.circle.eccentricity_mm), name
@@ -64,7 +64,7 @@ def test_hidden_effects_replace_those_of_the_rig_file(tmp_path):
     assert grown.effects == () and grown.tests.circle and grown.tests.circle.eccentricity_mm == (1, 2, 3)
     assert load_hidden(SHIPPED / "paper-errors.yaml").effects == rig.effects
     with refused("file.missing"):
-        load_hidden("ur10")
+        load_hidden("ur10-cell")
 
 
 def test_check_reports_initial_effects_with_their_provenance(tmp_path):
@@ -143,7 +143,7 @@ def test_invalid_keys_are_refused(key):
 
 
 def test_a_rate_too_slow_to_record_with_is_refused():
-    text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 13\n    rate_hz: 0.2")
+    text = (SHIPPED / "ur10e-cell.yaml").read_text().replace("count: 13", "count: 13\n    rate_hz: 0.2")
     assert {message.split("least ")[1] for _, message in _problems(text).values()} == {"0.5, not 0.2"}
 
 
@@ -243,7 +243,7 @@ def test_impossible_values_are_refused(old, new, told):
 
 
 def test_a_block_that_misses_its_own_registers_is_refused():
-    text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 3")
+    text = (SHIPPED / "ur10e-cell.yaml").read_text().replace("count: 13", "count: 3")
     assert "value at 202 " in " ".join(message for _, message in _problems(text).values())
 
 
@@ -255,7 +255,7 @@ def test_a_block_that_misses_its_own_registers_is_refused():
     ],
 )
 def test_different_settings_of_one_line_are_named(setting, told):
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     gauges = data["gauges"]
     gauges["g2"] |= {"port": gauges["g1"]["port"], "unit": 2, **setting}
     messages = " ".join(message for _, message in _problems(yaml.safe_dump(data)).values())
@@ -390,7 +390,7 @@ def test_file_with_calibrated_is_read():
 
 
 def _with(**sections: object) -> str:
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     kept = {"name": "tracker", "robot": data["robot"]}
     return yaml.safe_dump(kept | {name: data[name] for name in sections})
 
@@ -413,13 +413,13 @@ def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone():
 
 
 def test_maker_follows_from_feedback_or_name():
-    ur, any_makers = load("ur10e")[0], load("paper-fanuc")[0]
+    ur, any_makers = load("ur10e-cell")[0], load("paper-fanuc")[0]
     assert (ur.makers, any_makers.makers) == (("ur",), ("fanuc",))
     nameless = any_makers.model_copy(update={"robot": any_makers.robot.model_copy(update={"name": "elbow arm"})})
     assert nameless.maker is None and nameless.makers == MAKERS
 
 
-@pytest.mark.parametrize("name", ["ur10", "ur10e"])
+@pytest.mark.parametrize("name", ["ur10-cell", "ur10e-cell"])
 def test_a_shipped_cell_has_the_arm_of_the_library(name):
     cell, arm = load(name)[0].robot, load_arm(name).robot
     assert cell.build == arm.build
@@ -435,7 +435,7 @@ def test_a_shipped_cell_has_the_arm_of_the_library(name):
     ],
 )
 def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
-    text = shipped()["ur10e"].read_text(encoding="utf-8")
+    text = shipped()["ur10e-cell"].read_text(encoding="utf-8")
     text = text.replace("tests:\n", "tests:\n  touch: {sockets: [A, B], ball_mm: [0, 0, 120]}\n")
     parse(text, "cell.yaml")
     with refused("rig_file.value") as told:
@@ -445,7 +445,7 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
 
 
 def test_a_name_with_capitals_is_refused_in_plain_words():
-    _, text = load("ur10e")
+    _, text = load("ur10e-cell")
     with refused("rig_file.value") as told:
         parse(text.replace("name: ur10e", "name: My Cell", 1), "cell.yaml")
     assert "'My Cell'" in str(told.value) and "pattern" not in str(told.value)

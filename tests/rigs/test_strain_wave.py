@@ -12,7 +12,7 @@ from rigs.schema.scene import play
 from tests.support.diagnosis_cells import found_in
 from tests.support.pose_runs import pose_run
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 T1, T2, K1, K2, K3 = 54.0, 196.0, 13e4, 20e4, 23e4
 """Size 40 of the catalogue, Nm and Nm/rad."""
 

@@ -20,7 +20,7 @@ STATE, NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 
 
 def rig(**feedback: object) -> Rig:
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     ros = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
     return parse(yaml.safe_dump(data | {"feedback": ros | feedback}), "rig.yaml")
 

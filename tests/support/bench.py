@@ -47,7 +47,7 @@ def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
     """A rig file with short time-outs for a kind of gauge: continuous Sylvac, polled, Keyence, Modbus RTU or
     TCP.
     """
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     if gauges in ("sylvac", "polled"):
         data["gauges"] = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())["gauges"]
         for name in ("g1", "g2"):

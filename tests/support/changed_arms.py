@@ -37,7 +37,7 @@ def changed(name: str, seed: int = 0, *, rail: bool = False) -> Rig:
             *(LinkGeometry(axis=axis, field=field, delta=rng.normal(0, 0.3)) for field in get_args(Constant)),
         )
     ]
-    return load("ur10e")[0].model_copy(update={"robot": robot, "effects": tuple(effects)})
+    return load("ur10e-cell")[0].model_copy(update={"robot": robot, "effects": tuple(effects)})
 
 
 def within_limits(rig: Rig, n: int = 20) -> np.ndarray:

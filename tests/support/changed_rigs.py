@@ -10,13 +10,13 @@ from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 
 
-def shipped(name: str = "ur10e") -> dict[str, Any]:
+def shipped(name: str = "ur10e-cell") -> dict[str, Any]:
     """The data of a shipped rig file."""
     data: dict[str, Any] = yaml.safe_load((SHIPPED / f"{name}.yaml").read_text(encoding="utf-8"))
     return data
 
 
-def rig_with(rig: str = "ur10e", /, **keys: Any) -> Rig:
+def rig_with(rig: str = "ur10e-cell", /, **keys: Any) -> Rig:
     """A shipped rig with other values of top-level keys."""
     return parse(yaml.safe_dump(shipped(rig) | keys), "changed.yaml")
 

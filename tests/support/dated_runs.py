@@ -17,7 +17,7 @@ BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
 
 def dated_run(directory: Path, day: int, play_deg: float, direction: Direction = "acw") -> Path:
     """Write a yaw run recorded `day` days after BEGAN; the day is also the noise seed."""
-    rig, text = load("ur10e")
+    rig, text = load("ur10e-cell")
     run = simulated_run(rig, text, "yaw", direction, day, [Backlash(axis=3, width_deg=play_deg)])
     path = save_run(run, directory / f"{day:03d}-{direction}")
     edit_manifest(path, {"started": (BEGAN + timedelta(days=day)).isoformat()})

@@ -139,7 +139,7 @@ OPW = {
 
 ARMS: dict[str, Arm] = {
     "paper-fanuc": arm_of(load("paper-fanuc")[0].robot),
-    "ur10e": arm_of(load("ur10e")[0].robot),
+    "ur10e": arm_of(load("ur10e-cell")[0].robot),
     **{name: opw.arm() for name, opw in OPW.items() if name != "paper-fanuc"},
 }
 

@@ -66,7 +66,7 @@ class Foreign:
     real: bool
     outcome: Outcome
     files: Mapping[str, bytes | Path]
-    rig: str = "ur10e"
+    rig: str = "ur10e-cell"
     options: tuple[str, ...] = ()
     asks: tuple[str, ...] = ()
     truth: Poses | None = None

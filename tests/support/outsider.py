@@ -88,7 +88,7 @@ def case(seed: int) -> Case:
     low, high = np.radians([-150, -120, -120, -150, -150, -170]), np.radians([150, -30, 120, 150, 150, 170])
     q = np.repeat(rng.uniform(low, high, (STATIONS, 6)), 1 + STEPS, axis=0)
     q[:, 1] += np.radians(STEP_DEG) * rng.standard_normal(len(q))
-    model = replace(model_of(load("ur10")[0]), effects=())
+    model = replace(model_of(load("ur10-cell")[0]), effects=())
     came_from = np.concatenate([q[:1], q[:-1]])
     empty = PoseTable(q, np.zeros((len(q), 3)), None, came_from=came_from)
     there = moved_setup(nominal_setup(model.rig, empty), empty, rng.normal(0, 30, 9))

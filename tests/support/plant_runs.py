@@ -101,7 +101,7 @@ def write_visits(
     seed: int = 0,
 ) -> Iterator[Path]:
     """Write the runs of a robot, one of each test on each of these days after BEGAN, and yield their paths."""
-    _, text = load(CELL)
+    _, text = load(f"{CELL}-cell")
     unlimited = re.sub(r"^limits:\n(  .*\n)+", "", text, flags=re.M)
     own = unlimited.replace(f"name: {CELL}", f"name: {robot.name}", 1) + _LIMITS
     for day in days:
@@ -147,7 +147,7 @@ def _words(title: str) -> tuple[TestName, Direction | None]:
 
 @lru_cache
 def _simulated(test: TestName, direction: Direction | None) -> _Simulated:
-    rig, _ = load(CELL)
+    rig, _ = load(f"{CELL}-cell")
     still = columns_of(simulate(rig, test, direction, None, []))
     names = [name for name in ("g1_mm", "g2_mm") if name in still.schema.names]
     kept = np.arange(0, len(still), max(1, len(still) // _ROWS) if test in CIRCLES else 1)

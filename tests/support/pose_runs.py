@@ -18,6 +18,7 @@ from daq.store import table_run
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
+from tests.support.shipped_cells import cell_name
 from tests.worlds.arms.independent_arm import GEAR_RAD, HEALTHY, POSTURE_DEG, Array, constants_of, flange, none
 
 TOOL_MM, REACH_RAD = np.array([40.0, 25.0, 130.0]), np.array([1.2, 0.5, 0.6, 1, 1, 2])
@@ -35,7 +36,7 @@ def pose_run(rig_name: str, q: Array, xyz_mm: Array, name: str = "poses", placem
         test="pose",
         direction=None,
         rig_name=rig_name,
-        rig_text=load(rig_name)[1],
+        rig_text=load(cell_name(rig_name))[1],
         operator="tests",
         source=name,
         source_sha256="0" * 64,

@@ -27,8 +27,8 @@ def recorded(
     Two timestamps of the robot are wrong. stalls: readings of g1 that are taken 100 ms after the request. The lap is
     driven acw, labelled `label`, and ends after a share `part`; then the robot stands still for `stands_s`.
     """
-    rig, text = load("ur10e")
-    table = simulate(load_hidden("ur10e").apply_to(rig), "yaw", "acw", 1)
+    rig, text = load("ur10e-cell")
+    table = simulate(load_hidden("ur10e-cell").apply_to(rig), "yaw", "acw", 1)
     assert isinstance(table, CircleTable)
     data = yaml.safe_load(text)
     for number, gauge in enumerate(data["gauges"].values()):

@@ -10,7 +10,7 @@ from analysis.apps.live.view import LiveView
 from rigs.schema.vocabulary import Direction
 
 
-def lap_run(directory: Path, rig: str = "ur10e", direction: Direction = "acw", seed: int | None = None) -> Path:
+def lap_run(directory: Path, rig: str = "ur10e-cell", direction: Direction = "acw", seed: int | None = None) -> Path:
     """Write a simulated yaw run with the effects of the shipped cell; by default without noise."""
     run = simulate(rig, "yaw", direction, seed=seed, effects=rig)
     return save_run(run, directory / run.path)

@@ -22,7 +22,7 @@ HZ = 50.0
 
 def recorded_stands(runs: Path, *, gauge: bool) -> tuple[Run, Rig]:
     """Record 13 standstills on the hemisphere of the shipped UR10e; return the run and the rig."""
-    rig, text = load("ur10e")
+    rig, text = load("ur10e-cell")
     q = radial_program(rig).q[:111:8]
     t_s, path = stops(q, dwell_s=1.2)
     at = np.arange(0.0, t_s[-1], 1 / HZ)

@@ -34,7 +34,7 @@ Columns = dict[str, np.ndarray]
 
 def main(runs: Path, rows: int) -> None:
     """Write the run and print its directory."""
-    rig, text = load("ur10e")
+    rig, text = load("ur10e-cell")
     data = yaml.safe_load(text)
     for number, offset_mm in enumerate((25, -25), start=1):
         port = f"/dev/serial/by-id/usb-FTDI_gauge_{number}-if00-port0"

@@ -21,7 +21,7 @@ from tests.support.drivers import OPC_UA
 
 _BAUMER = {
     key: value
-    for key, value in yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())["gauges"]["g1"].items()
+    for key, value in yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())["gauges"]["g1"].items()
     if key != "port"
 }
 _ILD = {"interface": "micro_epsilon_ild1420", "range_mm": 10, "zero_mm": 5}
@@ -53,7 +53,7 @@ if OPC_UA:
 
 def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
     """Rig file of a cell with a circle speed, as ground truth for `rig init`."""
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     data["name"] = "unknown"
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": speed_mm_s}
     data["feedback"] = ROBOTS[robot]

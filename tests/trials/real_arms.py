@@ -78,7 +78,7 @@ def _rig(directory: Path, *words: str, fails: bool = False) -> str:
 
 def _ur10(series: str, to: Path, data: Path) -> None:
     """Poses of a UR10 as they come: two thirds to find, a third to judge by."""
-    (to / "cell.yaml").write_text(_rig(to, "example", ".") and (to / "ur10.yaml").read_text())
+    (to / "cell.yaml").write_text(_rig(to, "example", ".") and (to / "ur10-cell.yaml").read_text())
     lines = (data / "ipa-ur10" / f"series_{series}.csv").read_text().splitlines(keepends=True)
     for run, rows in (("used", [k for k in range(1, len(lines)) if k % 3]), ("left", range(3, len(lines), 3))):
         (to / f"{run}.csv").write_text("".join([lines[0], *(lines[k] for k in rows)]))

@@ -24,7 +24,7 @@ def test_a_drawing_is_shown_and_has_colours_for_the_dark(path):
 
 @pytest.mark.parametrize("off_mm", [1.0, 0.5])
 def test_residual_of_an_eccentric_ball_is_as_stated(off_mm):
-    frame = frame_of(circle_of(load("ur10e")[0]))
+    frame = frame_of(circle_of(load("ur10e-cell")[0]))
     phi = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     ball = frame.centre + off_mm * frame.u
     g_mm = link_readings(frame.poses(phi), ball, np.array([25.0, -25.0]), "yaw", frame.radius)

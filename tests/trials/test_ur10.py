@@ -39,7 +39,7 @@ def test_the_commands_take_the_table(tables):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    rig("import", "ur10-d.csv", "--rig", "ur10", "--test", "pose", "-o", "d")
+    rig("import", "ur10-d.csv", "--rig", "ur10-cell", "--test", "pose", "-o", "d")
     (run,) = json.loads(rig("analyse", "d", "--json"))["runs"]
     assert run["figures"]["rms_mm"]["value"] == pytest.approx(0.772, abs=0.01)
     found = json.loads(rig("calibrate", "d", "--fit", "joint_offset,link_geometry", "--json", "-o", "ur10-d.yaml"))

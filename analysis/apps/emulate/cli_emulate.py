@@ -25,7 +25,7 @@ HiddenEffects = Annotated[
 ]
 
 
-@command(app, "rig emulate ur10e -o cell")
+@command(app, "rig emulate ur10e-cell -o cell")
 def emulate(
     rig_file: RigArgument,
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(
@@ -130,7 +130,7 @@ def replay(
     raise typer.Exit(exit_code)
 
 
-@command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")
+@command(app, "rig simulate ur10e-cell --test yaw --times 3 -o simulated")
 def simulate(
     rig_file: RigArgument,
     test: Annotated[SimulatedTest, typer.Option(help="Test to simulate.")],

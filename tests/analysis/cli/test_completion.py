@@ -27,7 +27,7 @@ def place(tmp_path):
     for name in ("lap-2", "bad\x1bname"):
         shutil.copytree(run.with_name("lap-1"), run.with_name(name))
     (tmp_path / "runs" / "notes").mkdir()
-    shutil.copy(SHIPPED / "ur10e.yaml", tmp_path / "mine.yaml")
+    shutil.copy(SHIPPED / "ur10e-cell.yaml", tmp_path / "mine.yaml")
     (tmp_path / "rigd").mkdir()
     (tmp_path / "rigd" / "mine.sock").touch()
     return tmp_path
@@ -51,7 +51,7 @@ def test_runs_complete_as_values_of_options(place):
 
 def test_rig_files_complete(place):
     found = offered(place, "rig check ")
-    assert found[0] == "mine.yaml" and {"ur10e", "paper-fanuc"} <= set(found)
+    assert found[0] == "mine.yaml" and {"ur10e-cell", "paper-fanuc"} <= set(found)
     assert "mine.yaml" in offered(place, "rig simulate ")
     assert offered(place, "rig calibrate runs/lap-1 --rig mi") == ["mine.yaml"]
 

@@ -56,13 +56,13 @@ def interrupted_at(number: int, below: Path) -> Iterator[_Interrupt]:
 def given(tmp_path_factory):
     directory = tmp_path_factory.mktemp("given")
     for direction in ("acw", "cw"):
-        save_run(simulate("ur10e", "yaw", direction, seed=1, effects="ur10e"), directory / direction)
+        save_run(simulate("ur10e-cell", "yaw", direction, seed=1, effects="ur10e-cell"), directory / direction)
     succeeded(f"export {directory}/acw --to csv -o {directory}/lap.csv")
     return directory
 
 
 Write = Callable[[Path, Path], object]
-RIG = SHIPPED / "ur10e.yaml"
+RIG = SHIPPED / "ur10e-cell.yaml"
 _IMPORT = ("--rig", RIG, "--test", "yaw")
 _EFFECTS = [play_of_joint(1, 0.02)]
 _DIAGNOSED = diagnosis(curves=(), maps=())  # a picture of everything takes a second

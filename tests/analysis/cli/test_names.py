@@ -31,7 +31,9 @@ def test_a_maker_is_understood_as_people_write_it(word, maker):
     assert maker_named(word) == maker
 
 
-@pytest.mark.parametrize(("name", "file"), [("UR10E", "ur10e"), ("Paper Fanuc", "paper-fanuc"), ("ur10e", "ur10e")])
+@pytest.mark.parametrize(
+    ("name", "file"), [("UR10E cell", "ur10e-cell"), ("Paper Fanuc", "paper-fanuc"), ("UR10e", "ur10e")]
+)
 def test_a_shipped_rig_is_understood_as_people_write_it(name, file):
     assert find(name).stem == file
 
@@ -54,7 +56,7 @@ def test_earlier_spellings_of_options_work_and_are_hidden(tmp_path):
         assert word not in ran(f"{command} --help", COLUMNS="200").stdout
 
 
-@pytest.mark.parametrize("rig", ["ur10e", "paper-fanuc"])
+@pytest.mark.parametrize("rig", ["ur10e-cell", "paper-fanuc"])
 def test_the_doctor_touches_no_address_of_a_shipped_example(rig, monkeypatch):
     reached = []
     monkeypatch.setattr(socket.socket, "connect", lambda _, address: reached.append(address))
@@ -72,14 +74,14 @@ def test_second_cell_in_a_directory_is_refused(tmp_path):
     durable.close(locked_cell(tmp_path / "cell"))
 
 
-@pytest.mark.parametrize("read", ["own", "ur10e"])
+@pytest.mark.parametrize("read", ["own", "ur10e-cell"])
 def test_emulated_cell_replaces_no_foreign_rig_file(read, tmp_path):
     own = tmp_path / "rig.yaml"
-    own.write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
+    own.write_bytes((SHIPPED / "ur10e-cell.yaml").read_bytes())
     for command in (("emulate",), ("replay", own)):
         (line,) = errors_of(*command, own if read == "own" else read, "-o", tmp_path).splitlines()
         assert "rig.yaml: already exists" in line
-    assert own.read_bytes() == (SHIPPED / "ur10e.yaml").read_bytes()
+    assert own.read_bytes() == (SHIPPED / "ur10e-cell.yaml").read_bytes()
     assert list(tmp_path.iterdir()) == [own]
 
 

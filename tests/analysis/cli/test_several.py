@@ -38,7 +38,7 @@ def test_several_tables_become_runs_named_as_they_are(tmp_path):
     for name, content in (("a", text), ("b", text.replace('"cw"', '"ccw"')), ("c", text)):
         (tmp_path / f"{name}.csv").write_text(content)
     tables = [tmp_path / f"{name}.csv" for name in "abc"]
-    options = ("--rig", SHIPPED / "ur10e.yaml", "--test", "roll", "-o", tmp_path / "runs")
+    options = ("--rig", SHIPPED / "ur10e-cell.yaml", "--test", "roll", "-o", tmp_path / "runs")
     done = ran("import", *tables, *options)
     assert done.returncode == 3 and "b.csv, line 2, direction" in done.stderr
     made = [tmp_path / "runs" / "a", tmp_path / "runs" / "c"]

@@ -15,16 +15,16 @@ from tests.support.command_line import ended, errors_of, ran, separately, succee
 @pytest.mark.parametrize(
     ("words", "option"),
     [
-        ("plan ur10e --minutes 30", "--minutes"),
-        ("plan ur10e -o out", "--output"),
+        ("plan ur10e-cell --minutes 30", "--minutes"),
+        ("plan ur10e-cell -o out", "--output"),
         ("live --speed 2", "--speed"),
-        ("program ur10e --for ur --test yaw -o out --dwell-s 5", "--dwell-s"),
-        ("program ur10e --for ur --test yaw -o out --outputs 0,99", "--outputs"),
+        ("program ur10e-cell --for ur --test yaw -o out --dwell-s 5", "--dwell-s"),
+        ("program ur10e-cell --for ur --test yaw -o out --outputs 0,99", "--outputs"),
         ("diagnose run --tolerance-um inf", "--tolerance-um"),
         ("diagnose run --tolerance-um much", "--tolerance-um"),
-        ("program ur10e --for siemens --test yaw -o out", "--for"),
-        ("emulate ur10e --seed -5", "--seed"),
-        ("import t.csv --rig ur10e --test radial --direction cw -o out", "--direction"),
+        ("program ur10e-cell --for siemens --test yaw -o out", "--for"),
+        ("emulate ur10e-cell --seed -5", "--seed"),
+        ("import t.csv --rig ur10e-cell --test radial --direction cw -o out", "--direction"),
         ("fleet plant -o page.pdf", "page.pdf"),
     ],
 )
@@ -99,7 +99,7 @@ def test_missing_directory_is_created(tmp_path):
     ("asked", "says"), [("--test pose", "'pose'"), ("--test radial --direction cw", "radial test")]
 )
 def test_impossible_simulation_is_refused(asked, says, tmp_path):
-    assert says in errors_of(f"simulate ur10e {asked} -o {tmp_path}/runs", exit_code=2)
+    assert says in errors_of(f"simulate ur10e-cell {asked} -o {tmp_path}/runs", exit_code=2)
     assert not (tmp_path / "runs").exists()
 
 
@@ -109,7 +109,7 @@ TABLE = {int(code): words for code, words in re.findall(r"^\| (\d+) \| (.+) \|$"
 
 
 def test_a_test_that_cannot_be_driven_costs_only_its_own_part(tmp_path, capsys):
-    text = load("ur10e")[1]
+    text = load("ur10e-cell")[1]
     hemisphere = text[text.index("  hemisphere:") :]
     far = tmp_path / "far.yaml"
     far.write_text(text.replace(hemisphere, re.sub(r"centre_mm: .*", "centre_mm: [9000, 0, 0]", hemisphere, count=1)))
@@ -122,7 +122,7 @@ def test_a_test_that_cannot_be_driven_costs_only_its_own_part(tmp_path, capsys):
 
 def test_commands_end_with_documented_codes(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    assert ended("check", "ur10e") == 0
+    assert ended("check", "ur10e-cell") == 0
     assert ended("no-such-command") == 2
     assert ended("verify") == 2  # an argument is missing
     assert ended("analyse", tmp_path / "nothing") == 3
@@ -152,7 +152,7 @@ def test_failures_end_with_documented_codes(failure, code, monkeypatch):
     if isinstance(failure, OSError):  # the buffer of standard output is given up after it: not that of the tests
         monkeypatch.setattr("os.dup2", lambda *_: None)
     monkeypatch.setattr(rigs.load, "load", fail)
-    assert ended("check", "ur10e") == code
+    assert ended("check", "ur10e-cell") == code
     assert code in TABLE
 
 
@@ -161,7 +161,7 @@ def test_ctrl_c_reports_written_files(tmp_path, monkeypatch):
     import rigs.load  # noqa: PLC0415
     from analysis.runs import written_files  # noqa: PLC0415
 
-    simulate = ("simulate", "ur10e", "--test", "radial", "--csv", "--times", "2", "-o", tmp_path)
+    simulate = ("simulate", "ur10e-cell", "--test", "radial", "--csv", "--times", "2", "-o", tmp_path)
     with monkeypatch.context() as patched:
         write, calls = written_files.write_csv, []
 
@@ -180,7 +180,7 @@ def test_ctrl_c_reports_written_files(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(rigs.load, "load", fail)
-    done = ran("check ur10e")
+    done = ran("check ur10e-cell")
     assert done.returncode == 130 and done.stderr.startswith("interrupted; nothing ")
 
 

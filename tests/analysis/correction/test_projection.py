@@ -115,7 +115,13 @@ def _as_taught_mm(real: Array, wanted: Array, turns: Array) -> Array:
 
 @pytest.mark.parametrize(
     ("name", "maker"),
-    [("ur10e", "ur"), ("ur10e", "kuka"), ("paper-fanuc", "kuka"), ("ur10e", "fanuc"), ("paper-fanuc", "fanuc")],
+    [
+        ("ur10e-cell", "ur"),
+        ("ur10e-cell", "kuka"),
+        ("paper-fanuc", "kuka"),
+        ("ur10e-cell", "fanuc"),
+        ("paper-fanuc", "fanuc"),
+    ],
 )
 def test_residual_of_entries_agrees_with_independent_kinematics(name, maker):
     rig, wrong = _faulty(name)
@@ -130,7 +136,7 @@ def test_residual_of_entries_agrees_with_independent_kinematics(name, maker):
     assert at.by_targets_um < 1
 
 
-@pytest.mark.parametrize(("name", "maker"), [("ur10e", "ur"), ("paper-fanuc", "kuka")])
+@pytest.mark.parametrize(("name", "maker"), [("ur10e-cell", "ur"), ("paper-fanuc", "kuka")])
 def test_targets_contain_the_error_that_entries_leave_for_any_path(tmp_path, name, maker):
     """The controller computes with its new constants, so it is sent where these and the posture say; the arm then
     stands where it should, with the wave that only targets hold."""
@@ -167,7 +173,7 @@ def test_error_after_correction_agrees_with_its_prediction():
             size = getattr(one, size_field(one))
             sd = 0.1 * abs(size)
             told.append(_known(one.model_copy(update={size_field(one): size + sd * rng.normal()}), sd, RANGES))
-        rig = _rig("ur10e", told)
+        rig = _rig("ur10e-cell", told)
         q = np.radians(rng.uniform([low for low, _ in RANGES], [high for _, high in RANGES], (2, 6)))
         found = corrected(rig, supports(rig), q)
         wanted = forward(model_of(rig, ()).arm, q)
@@ -190,7 +196,7 @@ def _command(folder: Path, rig: str, effect: Effect, rows: list[str], *options: 
 def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path):
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, RANGES)
     rows = [f"{q1},-80,100,-20,80,0" for q1 in (0, 62, 70)]  # 62° is within the margin of 3°, 70° is not
-    found = json.loads(_command(tmp_path, "ur10e", zero, rows, "--json").stdout)
+    found = json.loads(_command(tmp_path, "ur10e-cell", zero, rows, "--json").stdout)
     with (tmp_path / "out" / "corrected-path.csv").open() as file:
         table = list(csv.DictReader(file))
     assert [row["covered"] for row in table] == ["yes", "yes", "no"]
@@ -202,15 +208,15 @@ def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path):
 
 def test_correction_of_an_unmeasured_work_area_needs_anyway(tmp_path):
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, ((0.0, 1.0),) * 6)
-    done = _command(tmp_path / "refused", "ur10e", zero, ["0,-80,100,-20,80,0"])
+    done = _command(tmp_path / "refused", "ur10e-cell", zero, ["0,-80,100,-20,80,0"])
     assert done.exit_code == 3 and not (tmp_path / "refused" / "out" / "corrected-path.csv").exists()
-    done = _command(tmp_path / "anyway", "ur10e", zero, ["0,-80,100,-20,80,0"], "--anyway", "--json")
+    done = _command(tmp_path / "anyway", "ur10e-cell", zero, ["0,-80,100,-20,80,0"], "--anyway", "--json")
     found = json.loads(done.stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
     with refused("targets.against_verdict"):
         table = tmp_path / "anyway" / "out" / "corrected-path.csv"
-        compensated_plans([], table, _rig("ur10e", []), "rig", anyway=False)
+        compensated_plans([], table, _rig("ur10e-cell", []), "rig", anyway=False)
 
 
 @pytest.mark.parametrize(("q1", "status"), [(0, 3), (30, 0)])

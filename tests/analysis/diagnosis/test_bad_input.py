@@ -110,5 +110,5 @@ def test_a_diagnosis_uses_one_blas_thread_and_restores_the_number_after_an_error
     monkeypatch.setattr(module, "gather", seen)
     with threadpool_limits(limits=2, user_api="blas"):
         with pytest.raises(StopError) as stopped:
-            module.diagnose(load("ur10e")[0], [], [], [], print)
+            module.diagnose(load("ur10e-cell")[0], [], [], [], print)
         assert stopped.value.args == ({1},) and blas_threads() == {2}

@@ -32,7 +32,7 @@ def _found(wrong: Wrong, seed: int) -> Diagnosis:
     )
     R, p = flange(constants_of("ur10e"), small, q)
     places = p + R @ _TOOL_MM + [2100.0, -800.0, 600.0] + rng.normal(0, 0.03, (_POSES, 3))
-    return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
+    return found_in([pose_run("ur10e", q, places)], load("ur10e-cell")[0])
 
 
 def test_large_difference_from_the_data_sheet_is_no_fault_and_is_checked_in_the_rig_file():

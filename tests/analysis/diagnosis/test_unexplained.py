@@ -22,7 +22,7 @@ def _found(count: int, noise_mm: float, *, wander: float = 0.0, seed: int = 1) -
     turned[:, 1] += np.radians(wander) * np.cumsum(rng.normal(0, 0.3, count))
     seen = cell("ur10e", none(), rng).seen(turned, rng)
     places: Array = seen.xyz_mm + rng.normal(0, noise_mm, seen.xyz_mm.shape)
-    return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
+    return found_in([pose_run("ur10e", q, places)], load("ur10e-cell")[0])
 
 
 def test_plain_noise_is_scatter_and_not_an_unknown_cause():
@@ -68,7 +68,7 @@ def _visited_twice(turned_deg: Array, q: Array) -> Diagnosis:
     off[:, 1] += np.radians(turned_deg)
     seen = cell("ur10e", none(), rng).seen(off, rng)
     places: Array = seen.xyz_mm + rng.normal(0, 0.02, seen.xyz_mm.shape)
-    return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
+    return found_in([pose_run("ur10e", q, places)], load("ur10e-cell")[0])
 
 
 def test_visits_that_differ_come_first():
@@ -96,7 +96,7 @@ def test_too_few_poses_prove_no_unknown_cause_and_no_gain_of_a_correction():
     q = independent_arm.postures("ur10e", 12, rng)
     R, p = independent_arm.flange(independent_arm.constants_of("ur10e"), small, q)
     places = p + R @ [30.0, -20.0, 110.0] + [2500.0, -800.0, 400.0] + rng.normal(0, 0.02, (12, 3))
-    rig = load("ur10e")[0].model_copy(update={"effects": ()})
+    rig = load("ur10e-cell")[0].model_copy(update={"effects": ()})
     found = found_in([measured(PoseTable(q, places, None), "pose", "few", rig)], rig)
     assert found.condition != "outside_library" and not found.residual.is_material
     # The other poses predict each of them better than the rig file, but another place comes before a correction.

@@ -5,14 +5,14 @@ import pytest
 from tests.support.command_line import ran
 
 KEPT = [
-    "simulate ur10e --test radial -o {}/runs",
+    "simulate ur10e-cell --test radial -o {}/runs",
     "example {}",
     "arms ur10e -o {}/arm.yaml",
     "export {run} --to csv -o {}/table.csv",
-    "export-urdf ur10e -o {}/arm.urdf",
-    "program ur10e --for ur --test radial -o {}",
+    "export-urdf ur10e-cell -o {}/arm.urdf",
+    "program ur10e-cell --for ur --test radial -o {}",
     "correct {corrected} -o {}",
-    "import {table} --rig ur10e --test radial -o {}/run",
+    "import {table} --rig ur10e-cell --test radial -o {}/run",
 ]
 SHOWN = ["report {run} -o {}/page.html", "analyse {run} --plot {}", "history ur10e --runs {runs} -o {}/page.html"]
 
@@ -20,12 +20,12 @@ SHOWN = ["report {run} -o {}/page.html", "analyse {run} --plot {}", "history ur1
 @pytest.fixture(scope="module")
 def names(tmp_path_factory):
     work = tmp_path_factory.mktemp("work")
-    assert ran(f"simulate ur10e --test radial -o {work}/runs").returncode == 0
+    assert ran(f"simulate ur10e-cell --test radial -o {work}/runs").returncode == 0
     (run,) = (work / "runs").iterdir()
     table, corrected = work / "table.csv", work / "cell.yaml"
     assert ran(f"export {run} --to csv -o {table}").returncode == 0
     assert ran("example", work / "shipped").returncode == 0
-    text = (work / "shipped" / "ur10e.yaml").read_text()
+    text = (work / "shipped" / "ur10e-cell.yaml").read_text()
     corrected.write_text(f"{text}\neffects: [{{effect: joint_offset, axis: 3, offset_deg: 0.05}}]\n")
     return {"run": run, "runs": work / "runs", "table": table, "corrected": corrected}
 

@@ -26,7 +26,7 @@ JOINTS = [f"joint_{k}" for k in range(1, 7)]
 
 
 def imported(path: Path, run: Path, *options: str | Path) -> CompletedProcess[str]:
-    return ran("import", path, "--rig", "ur10e", "--test", "pose", "-o", run, *options)
+    return ran("import", path, "--rig", "ur10e-cell", "--test", "pose", "-o", run, *options)
 
 
 def named(name: str) -> Foreign:
@@ -47,7 +47,7 @@ def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path):
     assert not kept.assumed
     done = ran(f"export {tmp_path}/run --to map -o {tmp_path}/again.yaml")
     assert done.returncode == 0 and (tmp_path / "again.yaml").read_text() == kept.map
-    done = ran(f"import {tmp_path}/kuka.csv --rig ur10e --test pose -o {tmp_path}/b --map {tmp_path}/again.yaml")
+    done = ran(f"import {tmp_path}/kuka.csv --rig ur10e-cell --test pose -o {tmp_path}/b --map {tmp_path}/again.yaml")
     assert done.returncode == 0, done.stderr
     assert read_run(tmp_path / "b").table.equals(read_run(tmp_path / "run").table)
 
@@ -56,7 +56,7 @@ def test_open_question_is_refused_and_its_answer_imported(tmp_path):
     foreign = named("jacobi-like")
     assert tried(foreign, tmp_path).asked == ("residual",)
     proposed = tmp_path / "run.map.yaml"
-    command = f"import {tmp_path}/jacobi-like.csv --rig ur10e --test pose -o {tmp_path}/a --map {proposed}"
+    command = f"import {tmp_path}/jacobi-like.csv --rig ur10e-cell --test pose -o {tmp_path}/a --map {proposed}"
     done = ran(command)
     assert done.returncode == 3 and "not answered" in done.stderr
     answer = next(line[4:].split("  #")[0] for line in proposed.read_text().splitlines() if line.startswith("#   {"))
@@ -72,7 +72,7 @@ def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
     screen, answers = io.StringIO(), iter(["3", "x", "2"])
     monkeypatch.setattr(Dialogue, "line", lambda self, prompt: (screen.write(prompt), next(answers))[1])
     monkeypatch.setattr(import_, "has_person", lambda: True)
-    done = ran("import", *foreign.written(tmp_path), "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a")
+    done = ran("import", *foreign.written(tmp_path), "--rig", "ur10e-cell", "--test", "pose", "-o", tmp_path / "a")
     assert done.returncode == 0, done.stderr
     assert "1  x_dif … z_dif " in done.stderr
     table = load_run(tmp_path / "a").table
@@ -163,7 +163,7 @@ def test_a_bad_table_is_refused_in_words(change, says, tmp_path):
     done = imported(path, tmp_path / "run")
     if done.returncode == 3 and says not in done.stderr:  # a bad cell hides its column from the proposal
         (tmp_path / "m.yaml").write_text(map_text(good))
-        done = ran(f"import {path} --rig ur10e --test pose -o {tmp_path}/run --map {tmp_path}/m.yaml")
+        done = ran(f"import {path} --rig ur10e-cell --test pose -o {tmp_path}/run --map {tmp_path}/m.yaml")
     assert done.returncode == 3 and says in done.stderr, done.stderr
 
 

@@ -22,7 +22,7 @@ from rigs.errors import FileError
 from rigs.load import load
 from tests.support.refusals import refused
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 HEADER = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
 
 

@@ -19,6 +19,7 @@ from tests.support.diagnosis_cells import poses, seen
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.moved_cell import Case, label, observed
 from tests.support.pose_runs import cell_with, pose_run
+from tests.support.shipped_cells import cell_name
 from tests.worlds import moved as world
 from tests.worlds.arms.independent_arm import constants_of, flange, none
 
@@ -32,7 +33,7 @@ STATES: dict[str, tuple[str, list[dict[int, float]]]] = {
 @pytest.mark.parametrize(("arm", "changes"), STATES.values(), ids=STATES)
 def test_changes_between_runs_are_movements_of_one_arm_state(arm, changes):
     cell = cell_with(arm, changes, np.random.default_rng(11))
-    kept, movements, _ = without_moved(load(arm)[0].model_copy(update={"effects": ()}), cell.runs)
+    kept, movements, _ = without_moved(load(cell_name(arm))[0].model_copy(update={"effects": ()}), cell.runs)
     true = {(f"run_{k}", axis): size for k, change in enumerate(changes, start=1) for axis, size in change.items()}
     assert {(one.to, one.axis or 0) for one in movements} == set(true)
     sizes = {(one.to, one.axis): one.size_deg for one in movements if one.axis}
@@ -44,7 +45,7 @@ def test_changes_between_runs_are_movements_of_one_arm_state(arm, changes):
 
 def test_runs_of_an_unchanged_arm_stay_together():
     cell = cell_with("ur10e", [{}] * 3, np.random.default_rng(12))
-    kept, movements, doubts = without_moved(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
+    kept, movements, doubts = without_moved(load("ur10e-cell")[0].model_copy(update={"effects": ()}), cell.runs)
     assert len(kept) == 3 and not movements and not doubts
 
 
@@ -74,7 +75,7 @@ REFERENCES: dict[str, tuple[str, list[dict[int, float]], set[tuple[str, int | No
 @pytest.mark.parametrize(("arm", "changes", "among_references"), REFERENCES.values(), ids=REFERENCES)
 def test_new_readings_are_compared_with_the_latest_state_of_the_reference(arm, changes, among_references):
     cell = cell_with(arm, changes, np.random.default_rng(14))
-    rig = load(arm)[0].model_copy(update={"effects": ()})
+    rig = load(cell_name(arm))[0].model_copy(update={"effects": ()})
     found = what_moved_in(rig, cell.runs[:-1], cell.runs[-1:])
     assert {(one.what, one.axis) for one in found.reference_movements} == among_references
     first = 2 if among_references else 1
@@ -90,7 +91,7 @@ def test_too_few_readings_of_the_latest_state_are_refused():
     cell = cell_with("ur10e", [{}, {3: 0.2}, {}], np.random.default_rng(15))
     cell.runs[1] = with_rows(cell.runs[1], 8)
     with pytest.raises(FileError) as error:
-        what_moved_in(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs[:2], cell.runs[2:])
+        what_moved_in(load("ur10e-cell")[0].model_copy(update={"effects": ()}), cell.runs[:2], cell.runs[2:])
     assert error.value.code == "movement.few_readings" and error.value.where == "run_2"
 
 
@@ -125,7 +126,7 @@ def test_a_moved_target_moves_in_the_frame_of_the_tool():
     np.testing.assert_array_equal(moved.T_tool_target[:3, :3], setup.T_tool_target[:3, :3])
 
 
-RIG = load("ur10e")[0].model_copy(update={"effects": ()})
+RIG = load("ur10e-cell")[0].model_copy(update={"effects": ()})
 TOOL_MM = np.array([40.0, 25.0, 130.0])
 
 

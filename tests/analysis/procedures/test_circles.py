@@ -151,7 +151,7 @@ def test_remounted_ball_is_no_pair_but_a_play_is():
 
 def test_the_way_to_the_circle_and_from_it_is_no_part_of_the_lap():
     """Without a lead-in: from the far side of the circle across it to the start, and back."""
-    rig = parse(re.sub(r"lead_deg: \S+", "lead_deg: 0", load("ur10e")[1]), "r")
+    rig = parse(re.sub(r"lead_deg: \S+", "lead_deg: 0", load("ur10e-cell")[1]), "r")
     table = simulate(rig, "yaw", "acw", 1)
     share, across = np.linspace(0, 1, 200)[:, None], table.q[len(table.q) // 2]
     there, back = across + share * (table.q[0] - across), table.q[-1] + share * (across - table.q[-1])
@@ -238,7 +238,7 @@ def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Eff
 
 @pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
 def test_lag_is_found_without_other_reversals(lag_s):
-    rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
+    rig = load_hidden("ur10e-cell").apply_to(load("ur10e-cell")[0])
     effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
     found = lag_of([(acw, cw)], [1.0], 100)

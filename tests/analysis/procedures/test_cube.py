@@ -20,7 +20,7 @@ INSTRUMENT = TrackerPose(xyz_mm=(2100.0, -700.0, 900.0), rpy_deg=(3.0, -2.0, 140
 CYCLE = (5, 4, 3, 2, 1)
 
 
-def rig_with(test: Iso9283, name: str = "ur10e") -> Rig:
+def rig_with(test: Iso9283, name: str = "ur10e-cell") -> Rig:
     rig, _ = load(name)
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"iso9283": test})})
 
@@ -44,7 +44,7 @@ def measured(rig: Rig) -> tuple[PoseTable, Array, Array]:
     return PoseTable(q, seen(attained), None), attained, tool_places(rig, cube_of(rig).q, wrong=False)
 
 
-@pytest.mark.parametrize("name", ["ur10e", "paper-fanuc"])
+@pytest.mark.parametrize("name", ["ur10e-cell", "paper-fanuc"])
 def test_cube_has_the_poses_of_the_standard(name):
     rig = rig_with(Iso9283(), name)
     cube = cube_of(rig)
@@ -105,7 +105,7 @@ def test_the_diagonals_of_a_measured_ur10(rises):
     """Cubes of 500 mm of Fraunhofer IPA's series D: AD is that of the places alone, without any frame."""
     table, _ = series("series_d")
     posture = tuple(map(float, np.degrees(table.q[0])))
-    rig = rig_with(Iso9283(posture_deg=posture, side_mm=500.0, rises=rises), "ur10")
+    rig = rig_with(Iso9283(posture_deg=posture, side_mm=500.0, rises=rises), "ur10-cell")
     found = evaluate(table, rig, 0.0, "series d").figures
     cube = cube_of(rig)
     there = {p: np.abs(table.q - cube.q[p - 1]).max(axis=1) < np.radians(0.5) for p in (2, 4)}

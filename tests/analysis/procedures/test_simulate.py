@@ -9,7 +9,7 @@ from rigs.rig import Rig
 
 
 def _of_laps(laps: int, speed_mm_s: float) -> Rig:
-    rig, _ = load("ur10e")
+    rig, _ = load("ur10e-cell")
     circle = rig.tests.circle
     driven = circle.model_copy(update={"laps": laps, "speed_mm_s": speed_mm_s})
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": driven})})

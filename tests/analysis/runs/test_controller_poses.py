@@ -9,7 +9,7 @@ from rigs.rig import Rig
 from rigs.schema.condition import POSE
 from rigs.schema.robot import Robot
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 OWN = [(0.2, 0, 0), (0.1, -0.05, 0), (-0.4, -0.01, 0.03), (0.4, -0.76, 0.02), (0.06, -0.09, 0), (-0.06, 0.05, 0)]
 """Differences of a, alpha, beta from the data sheet, in mm and degrees: sizes of the factory constants of real arms."""
 

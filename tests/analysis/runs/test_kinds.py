@@ -14,8 +14,8 @@ def test_a_test_without_joints_predicts_nothing():
     path = PathTable(np.zeros(1), np.zeros((1, 3)))
     assert shows_joints("pose") and not shows_joints("path")
     with pytest.raises(FileError):
-        nominal_setup(load("ur10e")[0], path)
-    assert kind_of("path").cannot_tell(path, load("ur10e")[0])
+        nominal_setup(load("ur10e-cell")[0], path)
+    assert kind_of("path").cannot_tell(path, load("ur10e-cell")[0])
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def edited(run: Measured, path: Path, column: str, row: int, value: float) -> Pa
     ],
 )
 def test_row_refused_by_import_is_refused_in_a_run(tmp_path, test, column, value, told):
-    run = simulate("ur10e", test, "acw" if test == "yaw" else None, seed=1, effects="ur10e")
+    run = simulate("ur10e-cell", test, "acw" if test == "yaw" else None, seed=1, effects="ur10e-cell")
     path = edited(run, tmp_path / "run", column, 5, value)
     with pytest.raises(FileError) as error:
         load_run(path)

@@ -64,7 +64,7 @@ def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, networ
     """What the doctor finds of a gauge that is moved, in simulated time. true: of it, beside TRUE."""
     port = "tcp://127.0.0.1:502" if network else "/dev/ttyUSB0"
     gauge = _gauge(true or {}).model_copy(update={"port": port})
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     fields = _gauge(said).model_dump(mode="json", exclude_none=True) | {"port": port}
     data["gauges"] = {"g1": fields}
     data["tests"] = {}

@@ -124,7 +124,7 @@ def test_a_cell_can_be_adverse():
         def joints_deg(self, now_ns: int) -> list[float]:
             return [now_ns * 1e-9] * 6
 
-    cell = emulated(load("ur10e")[0], Still(), adversity=Adversity(latency_ms=16, jitter_ms=5, drift_ppm=30))
+    cell = emulated(load("ur10e-cell")[0], Still(), adversity=Adversity(latency_ms=16, jitter_ms=5, drift_ppm=30))
     cell.start()
     samples: list[Sample] = []
     link = open_link("robot", cell.ports["feedback"], Line(baud=9600, bits=8, parity="N", stop=1))

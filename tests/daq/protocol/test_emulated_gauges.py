@@ -33,7 +33,7 @@ class Swinging:
 
 
 def _rig_text(interface: str, *, shared: bool) -> str:
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     probe = {"interface": interface, **NEEDED[interface]}
     if interface == "micro_epsilon_ild1420":
         probe["zero_mm"] = 5.0

@@ -19,7 +19,7 @@ from rigs.problems import RigFileError
 from rigs.schema.declared_tests import Automatic
 from tests.support.refusals import refused
 
-UR10E = (SHIPPED / "ur10e.yaml").read_text()
+UR10E = (SHIPPED / "ur10e-cell.yaml").read_text()
 SIGNAL = "  rate_hz: 500\n  signal: {outputs: [0, 1]}\n"
 
 

@@ -12,7 +12,7 @@ NAMES = {"robot.plant": ["192.168.7.7", "fd00::7"], "localhost": ["127.0.0.1"]}
 
 
 def allowed(gauges: str, feedback: str, interface: str = "ur_rtde", **more: bool) -> list[str]:
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     data["gauges"] = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())["gauges"]
     for name, port in zip(("g1", "g2"), gauges.split(), strict=True):
         data["gauges"][name]["port"] = port

@@ -18,7 +18,7 @@ from rigs.effects import VOCABULARY, Effect
 from rigs.load import load
 from rigs.rig import Rig
 
-RIG = "ur10e"
+RIG = "ur10e-cell"
 TWELVE = (
     {"effect": "time_lag", "lag_s": 0.002},
     {"effect": "link_geometry", "axis": 3, "field": "a", "delta": 0.1},

@@ -22,7 +22,7 @@ from tests.worlds.stranger.sight import REPEATS, sight_of
 def oracle_of(white: float) -> Oracle:
     """UR10e in a cell whose levels are in the middle of the table, gauges `white` times as noisy."""
     rng = np.random.default_rng(9)
-    sight = sight_of("ur10e")
+    sight = sight_of("ur10e-cell")
     numbers = tuple({int(k) for k in sight.targets["target"]})
     own = noises.Levels(
         np.full((8, 2), white * 1e-3), np.full(8, white * 3e-3), 0.5, 0.8, 1e-3, 4e-3, np.zeros(3),

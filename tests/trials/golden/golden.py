@@ -25,6 +25,7 @@ from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.command_line import ran
 from tests.support.measured_series import DATA, UR5, jacobi, ur10
+from tests.support.shipped_cells import cell_name
 from tests.support.store_cases import edit_manifest
 from tests.support.written_runs import import_table, write_simulated
 from tests.trials.blind.trial import Job, make_case, runs_of
@@ -200,7 +201,7 @@ def _simulated(
     """Runs of rig's own simulator: a test, a direction and the seed of its noise each."""
 
     def make(directory: Path, data: Path) -> bool:
-        rig, text = load(rig_name)
+        rig, text = load(cell_name(rig_name))
         hidden = [VOCABULARY[one["effect"]].model_validate(one) for one in effects]
         for test, direction, seed in tests:
             list(write_simulated(rig, text, test, [direction], [seed], directory / "runs", hidden))
@@ -213,7 +214,7 @@ def _growing(directory: Path, data: Path) -> bool:
     """Eight yaw runs of a robot whose play doubles after the fourth."""
     from analysis import save_run  # noqa: PLC0415
 
-    rig, text = load("ur10e")
+    rig, text = load("ur10e-cell")
     for day in range(8):
         play = VOCABULARY["backlash"].model_validate({"axis": 3, "width_deg": 0.01 if day < 4 else 0.02})
         save_run(simulated_run(rig, text, "yaw", "acw", day, [play]), directory / "runs" / f"lap-{day}")
@@ -265,7 +266,7 @@ def _import_poses(directory: Path, run: str, q_deg: Any, xyz_mm: Any, rig: str) 
     table = directory / f"{run}.csv"
     np.savetxt(table, np.hstack([q_deg, xyz_mm]), "%.9f", ",", header=",".join(names), comments="")
     (directory / "runs").mkdir(exist_ok=True)
-    import_table(table, directory / "runs" / run, rig_file=rig, test="pose", operator="golden")
+    import_table(table, directory / "runs" / run, rig_file=cell_name(rig), test="pose", operator="golden")
 
 
 def _ur10(series: str, every: int) -> Make:
@@ -292,7 +293,7 @@ def import_ur5(directory: Path, data: Path, off_mm: Any) -> bool:
     `off_mm` (3,) or (20, 3), as `left`; False where the data are not there."""
     if not (data / "jacobi" / "ur5_grid.csv").is_file():
         return False
-    rig = yaml.safe_load(load("ur10")[1]) | {"name": "ur5"}
+    rig = yaml.safe_load(load("ur10-cell")[1]) | {"name": "ur5"}
     for key, values in UR5.items():
         for axis, value in zip(rig["robot"]["axes"], values, strict=True):
             axis[key] = value
@@ -347,7 +348,7 @@ CASES = (
       for kind, laps in (("healthy", "yaw-cw yaw-acw radial"), ("one_large", _LAPS),
                          ("foreign_large", "roll-cw roll-acw repeatability"), ("dirty", "yaw-cw roll-acw radial"))),
     Case("history", _growing, ("history ur10e --runs runs",), quick=True),
-    Case("plan-yaw", _nothing, ("plan ur10e --tests yaw --runs 1",)),
+    Case("plan-yaw", _nothing, ("plan ur10e-cell --tests yaw --runs 1",)),
     Case("plan-targets", _nothing, ("plan paper-fanuc --tests radial,repeatability --runs 2",)),
-    Case("plan-propose", _nothing, ("plan ur10e --tests yaw,radial --runs 1 --propose --minutes 20",)),
+    Case("plan-propose", _nothing, ("plan ur10e-cell --tests yaw,radial --runs 1 --propose --minutes 20",)),
 )  # fmt: skip

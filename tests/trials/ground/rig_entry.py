@@ -35,7 +35,7 @@ from tests.trials.ground.plain_arm import (
 )
 from tests.trials.ground.tasks import read_tasks
 
-TEMPLATE = "ur10"
+TEMPLATE = "ur10-cell"
 """A shipped rig file, of which everything but the arm stays: it has no part in poses."""
 SPEED_DEG_S = 120
 

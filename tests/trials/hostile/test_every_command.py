@@ -37,7 +37,7 @@ for _line in (Path(__file__).parent / "every_command.txt").read_text(encoding="a
 
 
 def hostile_rig() -> str:
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     data["description"] = data["robot"]["name"] = EVIL
     for axis in data["robot"]["axes"]:
         axis["name"] += EVIL

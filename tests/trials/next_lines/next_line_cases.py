@@ -27,11 +27,11 @@ class HintCase:
 def _cell(directory: Path) -> bool:
     """Radial runs, a yaw lap under the wrong label, a rig file with a hand-typed effect, a table, and a letter."""
     for words in (
-        ("simulate", "ur10e", "--test", "radial", "--times", "2", "-o", "runs"),
+        ("simulate", "ur10e-cell", "--test", "radial", "--times", "2", "-o", "runs"),
         ("example", "."),
     ):
         assert ran(*words, cwd=directory).returncode == 0
-    text = (directory / "ur10e.yaml").read_text()
+    text = (directory / "ur10e-cell.yaml").read_text()
     effects = "effects: [{effect: joint_offset, axis: 3, offset_deg: 0.05}]"
     (directory / "cell.yaml").write_text(f"{text}\n{effects}\n")
     (directory / "letter.txt").write_text("Dear all,\n")
@@ -47,9 +47,9 @@ _WRONG_WAYS = (
     "correct cell.yaml -o out",
     "correct cell.yaml --for cuca -o out-3",
     "correct nowhere.yaml -o out-4",
-    "program ur10e --for ur --test radial -o programs --targets",
-    "program ur10e --for ur --test radial -o programs",
-    "program ur10e --for ur --test yaw --dwell-s 3 -o other",
+    "program ur10e-cell --for ur --test radial -o programs --targets",
+    "program ur10e-cell --for ur --test radial -o programs",
+    "program ur10e-cell --for ur --test yaw --dwell-s 3 -o other",
     "check cell.yaml",
     "check letter.txt",
     "arms ur",
@@ -72,18 +72,18 @@ _WRONG_WAYS = (
     "export-urdf cell.yaml -o arm.urdf",
     "export-urdf cell.yaml --hash x",
     "circle fit laps/lap",
-    "import one.csv --rig ur10e --test radial -o imported",
-    "import letter.txt --rig ur10e --test pose -o imported",
-    "import one.csv --rig ur10e --test pose -o imported",
+    "import one.csv --rig ur10e-cell --test radial -o imported",
+    "import letter.txt --rig ur10e-cell --test pose -o imported",
+    "import one.csv --rig ur10e-cell --test pose -o imported",
     "simulate nobody --test yaw -o out-5",
-    "simulate ur10e --test radial --direction cw -o out-6",
+    "simulate ur10e-cell --test radial --direction cw -o out-6",
     "init cell.yaml",
-    "doctor ur10e",
+    "doctor ur10e-cell",
     "fleet nowhere",
-    "plan ur10e --poses 5",
-    "plan ur10e --for ur",
-    "session ur10e --effects paper-fanuc",
-    "emulate ur10e --for ur",
+    "plan ur10e-cell --poses 5",
+    "plan ur10e-cell --for ur",
+    "session ur10e-cell --effects paper-fanuc",
+    "emulate ur10e-cell --for ur",
     "nothing",
 )
 

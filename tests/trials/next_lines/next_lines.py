@@ -130,7 +130,7 @@ class Place:
 
     directory: Path
     runs: str = "runs"
-    rig: str = "ur10e"
+    rig: str = "ur10e-cell"
 
 
 def follow(text: str, place: Place, scratch: Path) -> Followed:

@@ -85,7 +85,7 @@ class Taken:
 
 def rig_text() -> str:
     """A UR10e with two gauges that stream."""
-    data = yaml.safe_load(find("ur10e").read_text())
+    data = yaml.safe_load(find("ur10e-cell").read_text())
     data["gauges"] = {
         name: {**_STREAMED, "port": f"tcp://127.0.0.1:{k}", "offset_mm": 75 - 50 * k}
         for k, name in enumerate(("g1", "g2"), start=1)

@@ -104,7 +104,7 @@ class Controller:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setblocking(False)
         self.port = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
-        self._device = feedback.device(parse(find("ur10e").read_text(), "pace").feedback, self._read)
+        self._device = feedback.device(parse(find("ur10e-cell").read_text(), "pace").feedback, self._read)
         self._socket: socket.socket | None = None
         self._wake_ns: int | None = None
         self._count = 0

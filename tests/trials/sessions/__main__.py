@@ -27,7 +27,7 @@ from rigs.load import load
 from rigs.schema.vocabulary import MAKERS
 from tests.support.trial import Trial, main
 
-ARMS = ("paper-fanuc", "ur10e")
+ARMS = ("paper-fanuc", "ur10e-cell")
 AT_ROBOT = ("stop", "pause", "other", "twice", "late")
 """Actions of the operator: stop or pause a program, start a wrong one, start it twice, or come late."""
 AT_COMPUTER = ("kill", "interrupt", "kill_rigd", "by_hand", "stranger")

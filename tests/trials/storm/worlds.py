@@ -71,7 +71,7 @@ class World:
 def world(seed: int) -> World:
     dice = Random(seed)
     is_long = dice.random() < 1 / 8
-    data: dict[str, Any] = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data: dict[str, Any] = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text())
     data["name"] = "storm"
     names, data["gauges"] = _gauges(dice, is_long)
     name, data["feedback"], has_signal = _robot(dice, is_long)

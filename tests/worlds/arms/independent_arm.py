@@ -17,6 +17,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tests.support.shipped_cells import cell_name
 from tests.worlds.chain import link_frames
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ def constants_from(robot: Mapping[str, Any]) -> Constants:
 
 @cache
 def constants_of(name: str) -> Constants:
-    return constants_from(yaml.safe_load((RIGS / f"{name}.yaml").read_text(encoding="utf-8"))["robot"])
+    return constants_from(yaml.safe_load((RIGS / f"{cell_name(name)}.yaml").read_text(encoding="utf-8"))["robot"])
 
 
 def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tests.support.shipped_cells import cell_name
 from tests.worlds.chain import gravity_torques, link_frames
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ class Arm:
 
 def nominal(name: str) -> Arm:
     """Arm of a shipped rig file."""
-    robot = yaml.safe_load((RIGS / f"{name}.yaml").read_text(encoding="utf-8"))["robot"]
+    robot = yaml.safe_load((RIGS / f"{cell_name(name)}.yaml").read_text(encoding="utf-8"))["robot"]
 
     def of(key: str) -> Array:
         return np.array([axis.get(key, 0.0) for axis in robot["axes"]], dtype=float)

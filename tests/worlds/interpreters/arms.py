@@ -18,6 +18,7 @@ from analysis.apps.makers.emulated import Array, Flange, ToolPose
 from rigs.load import SHIPPED, load, parse
 from rigs.rig import Rig
 from rigs.schema.robot import Pose as RigPose
+from tests.support.shipped_cells import cell_name
 from tests.worlds.arms.independent_arm import constants_from, flange, none
 
 ARMS = ("ur10e", "paper-fanuc", "kuka-hanging")
@@ -95,9 +96,9 @@ def rig_of(name: str) -> Rig:
         robot = section | {"tool": {"xyz_mm": [0, 0, 100], "rpy_deg": [0, 90, 0]}, "payload_kg": 2}
         tests = {"circle": LIBRARY[name] | {"radius_mm": 60, "speed_mm_s": 20}}
     else:
-        rig = load(name)[0]
+        rig = load(cell_name(name))[0]
         return rig.model_copy(update={"robot": rig.robot.model_copy(update={"controller": "data_sheet"})})
-    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+    rig = yaml.safe_load((SHIPPED / "ur10e-cell.yaml").read_text(encoding="utf-8"))
     return parse(
         yaml.safe_dump(rig | {"name": name, "robot": robot | {"controller": "data_sheet"}, "tests": tests}), name
     )

@@ -65,7 +65,7 @@ def draw_cell(rng: np.random.Generator, visits: Visits) -> Cell:
     """A UR10 with joint errors of some hundredths of a degree and length errors of some tenths of a mm."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
-    arm = dataclasses.replace(arm_of(load("ur10")[0].robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    arm = dataclasses.replace(arm_of(load("ur10-cell")[0].robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
     q = rng.uniform(-2, 2, (POSES, 6))
     wrong = dataclasses.replace(
         arm,
@@ -162,6 +162,6 @@ def pose_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
     turns = Rotation.from_rotvec(_rotations(rng, visits, shape).reshape(-1, 3))
     seen = turns * Rotation.from_matrix(np.tile(cell.T[:, :3, :3], (size.laps, 1, 1)))
     table = PoseTable(np.tile(cell.q, (size.laps, 1)), xyz.reshape(-1, 3), seen.as_euler("xyz"))
-    figures = evaluate(table, load("ur10")[0], 0.0, "planted").figures
+    figures = evaluate(table, load("ur10-cell")[0], 0.0, "planted").figures
     truth = true_figures(rng, cell, visits, size.laps)
     return {f"pose, {size.laps} visit{'s' * (size.laps > 1)}": (dict(figures), truth)}

@@ -12,7 +12,7 @@ import yaml
 from tests.worlds.stranger.screws import Arm, Array, Constants, arm_from, placed
 
 RIGS = Path(__file__).parents[3] / "rigs"
-ROBOTS = ("paper-fanuc", "ur10e")
+ROBOTS = ("paper-fanuc", "ur10e-cell")
 
 
 @dataclass(frozen=True)

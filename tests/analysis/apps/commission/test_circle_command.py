@@ -19,7 +19,7 @@ from tests.support.simulated_laps import lap_run
 from tests.support.written_files import JOINTS, contents, write_columns
 
 CENTRE = pytest.approx([-650, -200, 250], abs=0.05)
-UR10E = (SHIPPED / "ur10e.yaml").read_text()
+UR10E = (SHIPPED / "ur10e-cell.yaml").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_drivable_posture_is_proposed(tmp_path):
     q[:, 5] -= 360
     names = ["t_s", *JOINTS, "direction", "g1_mm", "g2_mm"]
     write_columns(tmp_path / "arc.csv", names, np.arange(300) / 50, q, np.full(300, "acw"), np.zeros((300, 2)))
-    succeeded(f"import {tmp_path}/arc.csv --rig ur10e --test yaw -o {tmp_path}/arc")
+    succeeded(f"import {tmp_path}/arc.csv --rig ur10e-cell --test yaw -o {tmp_path}/arc")
     done = succeeded(f"circle fit {tmp_path}/arc")
     assert "posture_deg: [" in done.stderr
 
@@ -84,7 +84,7 @@ def test_json_contains_values_and_uncertainties(run):
 def test_ball_is_fitted_to_a_circle_or_to_stops(run, cell, tmp_path):
     done = succeeded(f"ball fit {run} --rig {cell} --write")
     assert contents(cell)["tests"]["hemisphere"]["centre_mm"] == CENTRE
-    radial = simulate("ur10e", "radial", seed=1)
+    radial = simulate("ur10e-cell", "radial", seed=1)
     done = ran("ball", "fit", save_run(radial, tmp_path / radial.path), "--rig", cell)
     assert yaml.safe_load(done.stdout)["tests"]["hemisphere"]["centre_mm"] == pytest.approx([-800, -200, 0], abs=0.05)
     assert failure_of(f"ball fit {tmp_path}/{radial.path} {run}")[1] == "ball.mixed_runs"
@@ -96,7 +96,7 @@ def test_ball_is_fitted_to_a_circle_or_to_stops(run, cell, tmp_path):
         ((), "circle.no_runs"),
         (("RUN", "--live"), "circle.no_runs"),
         (("RUN", "--write"), "circle.no_rig_file"),
-        (("RUN", "--rig", "ur10e", "--write"), "rig_file.shipped"),
+        (("RUN", "--rig", "ur10e-cell", "--write"), "rig_file.shipped"),
         (("RUN", "--rig", "paper-fanuc"), "run.other_robot"),
     ],
 )
@@ -142,7 +142,7 @@ def test_live_points_are_fitted_at_ctrl_c(tmp_path):
 
 def around(degrees: Array) -> Array:
     """Joint angles (n, 6) in degrees at angles of the shipped circle."""
-    rig = load("ur10e")[0]
+    rig = load("ur10e-cell")[0]
     circle = circle_of(rig)
     poses = frame_of(circle).poses(np.radians(degrees))
     return np.degrees(follow(arm_of(rig.robot), poses, np.radians(circle.posture_deg), "test"))

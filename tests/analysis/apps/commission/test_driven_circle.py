@@ -22,7 +22,7 @@ HZ = 50.0
 NOISE_RAD = np.radians(0.0005)
 
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 BLANK = with_tests(RIG, circle=None)
 ARM, CIRCLE = arm_of(RIG.robot), circle_of(RIG)
 FRAME = frame_of(CIRCLE)

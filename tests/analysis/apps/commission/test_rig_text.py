@@ -56,7 +56,7 @@ def test_every_robot_comes_through(feedback):
 
 
 def test_circle_is_written_and_unconfirmed_values_are_marked():
-    rig, _ = load("ur10e")
+    rig, _ = load("ur10e-cell")
     circle = circle_from_start(rig.robot, [2, -75.3, 101.4, 55.2, 84.6, 107.8], 70.0)
     text = rig_text(answers(circle=circle, gauges=(modbus(),), feedback=rsi()), chosen_arm("ur10e"), "cell", TODAY)
     made = parse(text, "cell.yaml")
@@ -104,7 +104,7 @@ def test_wrong_arm_file_is_refused(tmp_path, text, code):
 
 def test_an_arm_from_a_file_and_one_that_is_not_there(tmp_path):
     path = tmp_path / "arm.yaml"
-    path.write_text(load("ur10e")[1])
-    assert chosen_arm(str(path)).robot == load("ur10e")[0].robot
+    path.write_text(load("ur10e-cell")[1])
+    assert chosen_arm(str(path)).robot == load("ur10e-cell")[0].robot
     with refused("arm.unknown"):
         chosen_arm("no-such-arm")

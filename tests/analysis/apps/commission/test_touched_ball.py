@@ -14,11 +14,11 @@ from tests.support.stood_about import CENTRE, recorded_stands
 
 
 def of_simulation(seed: int | None) -> Measured:
-    return simulate("ur10e", "radial", seed=seed)
+    return simulate("ur10e-cell", "radial", seed=seed)
 
 
 def test_radial_run_shows_the_ball():
-    rig = load("ur10e")[0]
+    rig = load("ur10e-cell")[0]
     found = touched_ball([of_simulation(3).run], rig)
     error = found.centre - np.array(rig.tests.hemisphere.centre_mm)
     assert np.abs(error).max() < 0.02
@@ -45,7 +45,7 @@ def test_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path):
 
 def refused(run: Run) -> str:
     with pytest.raises(FileError) as raised:
-        touched_ball([run], load("ur10e")[0])
+        touched_ball([run], load("ur10e-cell")[0])
     return raised.value.code
 
 
@@ -54,7 +54,9 @@ def test_home_position_is_not_used():
     q1 = run.table["q1_deg"].to_numpy().copy()
     q1[[0, -1]] += 12.0
     place = run.table.column_names.index("q1_deg")
-    found = touched_ball([replace(run, table=run.table.set_column(place, "q1_deg", pa.array(q1)))], load("ur10e")[0])
+    found = touched_ball(
+        [replace(run, table=run.table.set_column(place, "q1_deg", pa.array(q1)))], load("ur10e-cell")[0]
+    )
     assert np.abs(found.centre - [-800, -200, 0]).max() < 0.02
     assert any("2 stops" in doubt for doubt in found.doubts)
 
@@ -68,4 +70,4 @@ def test_stops_that_determine_no_ball_are_refused():
     assert refused(rows_of(run, [0, 10, 20])) == "ball.few_places"
     ring = np.flatnonzero(np.isclose(run.table["polar_deg"].to_numpy(), 90.0))
     assert refused(rows_of(run, ring[::3].tolist())) in ("ball.plane", "ball.uncertain")
-    assert refused(simulate("ur10e", "yaw", "acw", seed=None).run) == "ball.table"
+    assert refused(simulate("ur10e-cell", "yaw", "acw", seed=None).run) == "ball.table"

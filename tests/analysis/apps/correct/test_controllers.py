@@ -110,7 +110,7 @@ def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets
     ]
     real = {"delta_theta": np.radians(OFF_DEG), "delta_d": np.array([0, 0, 0, 0, -0.4e-3, 0])}
     controller = _ur10e(real)
-    entries = _printed(_cell(tmp_path, "ur10e", faults))
+    entries = _printed(_cell(tmp_path, "ur10e-cell", faults))
     assert entries["name"] == "ur"
     wanted = [controller.flange(np.radians(q), NO_DELTA) for q in TARGETS_DEG]
     before = _errors_mm(controller, wanted)
@@ -123,7 +123,7 @@ def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets
     assert after.max() < 1e-3
 
 
-@pytest.mark.parametrize("rig", ["paper-fanuc", "ur10e"])
+@pytest.mark.parametrize("rig", ["paper-fanuc", "ur10e-cell"])
 def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path, rig):
     """With zeros entered and a compliant joint, corrected joint angles reach the same place as the complete
     correction alone.
@@ -146,7 +146,7 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path, rig):
 def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
     play = Backlash(axis=1, width_deg=0.05, found=found(width_deg=0.001))
     base = LinkGeometry(axis=1, field="d", delta=0.5, found=found(delta=0.003))
-    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]))
+    entries = _printed(_cell(tmp_path, "ur10e-cell", [ZEROS[0], base, play]))
     assert [one["parameter"] for one in entries["entries"]] == ["delta_theta[2]", "delta_d[1]"]
     assert entries["entries"][1]["add"] == pytest.approx(0.5e-3, rel=1e-3)
     assert entries["entries"][1]["worth_um"] == pytest.approx(500, rel=1e-3), "d1 moves the tool by itself, everywhere"
@@ -173,7 +173,7 @@ def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path):
 
 def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):
     """d2, d3 and d4 of three parallel axes do the same to every posture."""
-    cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=found(delta=0.03))])
+    cell = _cell(tmp_path, "ur10e-cell", [LinkGeometry(axis=2, field="d", delta=0.3, found=found(delta=0.03))])
     entries = _printed(cell)
     assert [one["parameter"] for one in entries["entries"]] == ["delta_d[2]", "delta_d[3]", "delta_d[4]"]
     assert [one["add"] for one in entries["entries"]] == pytest.approx([1e-4] * 3, rel=1e-3)

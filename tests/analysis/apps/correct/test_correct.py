@@ -330,7 +330,7 @@ def test_a_rig_without_effects_has_nothing_to_correct():
 def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_corrected(tmp_path):
     """The real arm is shorter than in its rig file: a stretched arm cannot reach the target."""
     cell, path, out = tmp_path / "cell.yaml", tmp_path / "path.csv", tmp_path / "out"
-    cell.write_text(extended(load("ur10e")[1], [A2], "cell"))
+    cell.write_text(extended(load("ur10e-cell")[1], [A2], "cell"))
     good = "A,0,-80,100,-20,80,0", "D,10,-85,90,-20,70,30"
     path.write_text(f"{HEAD}\n{good[0]}\nB,0,-80,0,-20,80,0\nC,0,-80,100,-20,400,0\n{good[1]}\n")
     done = ran(f"correct {cell} --path {path} -o {out}")

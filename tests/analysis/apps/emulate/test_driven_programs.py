@@ -176,7 +176,7 @@ _REJECTED = {
 def test_impossible_program_is_rejected(tmp_path, body):
     (tmp_path / "yaw.script").write_text(f"def a():\n  {body}\nend\na()\n")
     with pytest.raises(FileError) as error:
-        Pendant(load("ur10e")[0], tmp_path).trace("yaw")
+        Pendant(load("ur10e-cell")[0], tmp_path).trace("yaw")
     assert error.value.code in ("program.rejected", "path.reach") and "\n" not in str(error.value)
 
 
@@ -196,4 +196,4 @@ def test_unknown_program_is_refused(tmp_path, name, code):
         (tmp_path / f"{stem}.script").write_text("def a():\n  \nend\na()\n")
     (tmp_path / "yaw_fanuc.LS").write_text("/PROG  A\n")
     with refused(code):
-        Pendant(load("ur10e")[0], tmp_path).trace(name)
+        Pendant(load("ur10e-cell")[0], tmp_path).trace(name)

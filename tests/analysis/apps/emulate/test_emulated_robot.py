@@ -15,7 +15,7 @@ _STANDING = Trace(np.array([0.0, 30.0]), np.empty(0), np.zeros((2, 6)), np.zeros
 
 @pytest.fixture
 def robot():
-    return EmulatedRobot(load("ur10e")[0], {"acw": _STANDING, "cw": _STANDING}, 1)
+    return EmulatedRobot(load("ur10e-cell")[0], {"acw": _STANDING, "cw": _STANDING}, 1)
 
 
 def test_its_program_runs_while_it_drives(robot):

@@ -25,7 +25,7 @@ Messages = list[tuple[str, str, float, bytes]]
 @pytest.fixture(scope="module")
 def lap():
     """A lap with the effects of the shipped cell, without noise."""
-    return simulate("ur10e", "yaw", "acw", seed=None, effects="ur10e")
+    return simulate("ur10e-cell", "yaw", "acw", seed=None, effects="ur10e-cell")
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ COMPLIANCE = "  - {effect: compliance, axis: 2, deg_per_Nm: 5.0e-5}\n"
 @pytest.fixture
 def cell(tmp_path):
     file = tmp_path / "cell.yaml"
-    file.write_text(find("ur10e").read_text() + EFFECTS)
+    file.write_text(find("ur10e-cell").read_text() + EFFECTS)
     return file
 
 

@@ -13,7 +13,7 @@ from rigs.effects.joint_offset import JointOffset
 from rigs.effects.link_geometry import LinkGeometry
 from rigs.load import load
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 GEOMETRY = [JointOffset(axis=2, offset_deg=0.05), LinkGeometry(axis=3, field="beta", delta=0.02)]
 COMPLIANCE = Compliance(axis=2, deg_per_Nm=1e-4)
 

@@ -39,7 +39,7 @@ MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 
 def stands(path: Path, rig: Rig | None = None, topic: str = "") -> StandTable:
     file = file_of(path)
-    return stands_of_bag(file.read_bytes(), str(file), rig or load("ur10")[0], topic)
+    return stands_of_bag(file.read_bytes(), str(file), rig or load("ur10-cell")[0], topic)
 
 
 def columns(found: StandTable) -> dict[str, np.ndarray]:
@@ -78,11 +78,11 @@ def test_each_stop_is_a_row_with_its_scatter(bag, rng, kind, storage):
 def test_joints_are_those_that_the_rig_file_names(bag, rng):
     truth = drive(bag, rng)
     feedback = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
-    found = stands(bag, rig_with("ur10", feedback=feedback))
+    found = stands(bag, rig_with("ur10-cell", feedback=feedback))
     assert "finger_rad" not in columns(found)
     held(found, truth)
     with refused("bag.no_joints"):
-        stands(bag, rig_with("ur10", feedback=feedback | {"joints": list("abcdef")}))
+        stands(bag, rig_with("ur10-cell", feedback=feedback | {"joints": list("abcdef")}))
 
 
 def test_stops_that_the_instrument_did_not_see_are_counted(bag, rng):
@@ -121,14 +121,14 @@ def test_ambiguous_topics_are_asked_about(bag, rng, kind, topic, told):
 
 def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path, bag, rng):
     truth = drive(bag, rng, storage=SQLITE)
-    done = succeeded(f"import {bag} --rig ur10 --test pose -o {tmp_path}/run")
+    done = succeeded(f"import {bag} --rig ur10-cell --test pose -o {tmp_path}/run")
     assert "topic: /seen" in done.stderr and "qx … qw" in done.stderr
     assert "checksums" in done.stderr
     measured = load_measured(tmp_path / "run")
     assert measured.table.q == pytest.approx(truth.q, abs=2e-6)
     ran(f"export {tmp_path}/run --to map -o {tmp_path}/map.yaml")
     succeeded(
-        f"import {bag} --rig ur10 --test pose -o {tmp_path}/again --map {tmp_path}/map.yaml",
+        f"import {bag} --rig ur10-cell --test pose -o {tmp_path}/again --map {tmp_path}/map.yaml",
     )
     assert load_measured(tmp_path / "again").table.q == pytest.approx(measured.table.q)
 
@@ -145,7 +145,7 @@ def test_seven_axes_are_found_by_their_names(tmp_path, bag, rng):
 
 def test_a_camera_on_the_tool_is_recognised(tmp_path, bag, rng):
     drive(bag, rng, on_tool=True)
-    done = succeeded(f"import {bag} --rig ur10 --test pose -o {tmp_path}/run")
+    done = succeeded(f"import {bag} --rig ur10-cell --test pose -o {tmp_path}/run")
     assert "sees: " in done.stderr
     succeeded(f"analyse {tmp_path}/run --json")
 
@@ -173,7 +173,7 @@ def test_a_database_that_is_no_bag_is_one_line(bag, rng, sql):
     data = _spoilt(lambda database: database.executescript(sql), file_of(bag))
     for broken in (data, data[: len(data) // 2], data[:100] + bytes(len(data) - 100)):
         with pytest.raises(FileError) as error:
-            stands_of_bag(broken, "bag.db3", load("ur10")[0])
+            stands_of_bag(broken, "bag.db3", load("ur10-cell")[0])
         assert "\n" not in str(error.value)
 
 
@@ -191,7 +191,7 @@ def test_damaged_bag_is_refused_or_read_up_to_the_damage(bag, rng, storage):
         for at in rng.integers(0, len(data), 8):
             data[at] = rng.integers(0, 256)
         try:
-            stands_of_bag(bytes(data), "bag", load("ur10")[0], "/seen:target")
+            stands_of_bag(bytes(data), "bag", load("ur10-cell")[0], "/seen:target")
         except FileError as error:
             assert "\n" not in str(error)
 
@@ -227,7 +227,7 @@ def test_a_topic_of_the_controller_is_asked_about(tmp_path, bag, rng, topic, mon
     q = np.radians(rng.uniform((-90, -120, -110, -120, -80, -150), (90, -40, 110, 120, 80, 150), (20, 6)))
     arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
     drive_points(bag, rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
-    assert f"{topic} looks" in errors_of(f"import {bag} --rig ur10 --test pose -o {tmp_path}/run")
+    assert f"{topic} looks" in errors_of(f"import {bag} --rig ur10-cell --test pose -o {tmp_path}/run")
 
 
 LEFT = [f"left_{name}" for name in JOINTS]

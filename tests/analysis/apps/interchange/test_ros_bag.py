@@ -110,7 +110,7 @@ def test_bag_of_a_killed_recorder_names_the_repair():
 
 def test_rig_without_ros_names_the_missing_key():
     with refused("bag.joint_name"):
-        read(bag(*WHOLE), parse((SHIPPED / "ur10e.yaml").read_text(), "ur10e.yaml"))
+        read(bag(*WHOLE), parse((SHIPPED / "ur10e-cell.yaml").read_text(), "ur10e.yaml"))
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])

@@ -31,7 +31,7 @@ STATUS = {
 class FakeDaemon:
     def __init__(self, path: Path, rig_text: str | None = None) -> None:
         self.asked = []
-        self.rig_text = find("ur10e").read_text() if rig_text is None else rig_text
+        self.rig_text = find("ur10e-cell").read_text() if rig_text is None else rig_text
         self.answers = self.usual
         self._path = path
         path.parent.mkdir(mode=0o700, exist_ok=True)

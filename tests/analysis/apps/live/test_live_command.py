@@ -52,7 +52,7 @@ def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path):
 
 
 def test_run_without_motion_is_refused(tmp_path):
-    targets = simulate("ur10e", "radial")
+    targets = simulate("ur10e-cell", "radial")
     path = save_run(targets, tmp_path / targets.path)
     for run, says in (path, "no motion"), (tmp_path / "nothing", ""):
         (line,) = errors_of(f"live --run {run}").splitlines()

@@ -147,7 +147,9 @@ def test_a_notice_is_an_event_and_does_not_end_a_loss():
 def test_reversals_are_counted_beyond_the_events_that_are_kept():
     q = np.zeros((1201, 6))
     q[:, 2] = np.radians(np.arange(1201) % 2 * 5.0)
-    view = LiveView(cell_of(load("ur10e")[0])).after(Update(rows=LiveRows(np.arange(1201.0), np.zeros((1201, 2)), q)))
+    view = LiveView(cell_of(load("ur10e-cell")[0])).after(
+        Update(rows=LiveRows(np.arange(1201.0), np.zeros((1201, 2)), q))
+    )
     noisy = view.after(Update(state=state(silent=0)))
     for count in range(1, 300):
         noisy = noisy.after(Update(state=state(silent=count)))

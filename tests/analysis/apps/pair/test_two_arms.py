@@ -253,7 +253,7 @@ def test_a_diagnosis_of_a_table_with_two_arms_is_that_of_the_pair(tmp_path):
 
 def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path):
     written(tmp_path / "t.csv", touches())
-    assert "rig pair FIRST SECOND t.csv" in errors_of("import t.csv --rig ur10e --test touch -o run", cwd=tmp_path)
+    assert "rig pair FIRST SECOND t.csv" in errors_of("import t.csv --rig ur10e-cell --test touch -o run", cwd=tmp_path)
 
 
 @pytest.mark.parametrize(

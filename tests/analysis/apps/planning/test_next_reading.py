@@ -88,13 +88,13 @@ def test_work_area_outside_the_measured_region_is_measured_with_circles(tmp_path
 
 def test_arm_without_readings_is_measured_first_for_the_given_targets(tmp_path):
     (tmp_path / "targets.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n20,-80,90,-100,-90,0\n")
-    found = json_of("plan ur10e --next --targets targets.csv --tracker 2500,0,800", cwd=tmp_path)
+    found = json_of("plan ur10e-cell --next --targets targets.csv --tracker 2500,0,800", cwd=tmp_path)
     assert (found["act"], found["now_mm"], found["of_family"]) == ("measure", None, 1.0)
     assert len(found["q_deg"]) == 6
     assert (found["reading"], found["socket"], found["circle"]) == ("pose", None, None)
     assert found["many_mm"] < found["next_mm"] < found["corrected_mm"]
     assert 1 <= found["worthwhile"] <= found["many"] == 20
-    assert failure_of("plan ur10e --targets targets.csv", cwd=tmp_path)[1] == "plan.option"
+    assert failure_of("plan ur10e-cell --targets targets.csv", cwd=tmp_path)[1] == "plan.option"
 
 
 TOUCHED = parse(f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B]}}}}\n", "cell.yaml")

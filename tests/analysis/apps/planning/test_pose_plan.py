@@ -18,7 +18,7 @@ from tests.support.refusals import refused
 from tests.support.written_files import JOINTS, numbers_in
 from tests.worlds.arms.independent_arm import constants_of, flange, healthy
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 ARM = arm_of(RIG.robot)
 SIGHT = Sight(np.array([2500.0, 0.0, 800.0]), np.array([0.0, 0.0, 1.0]))
 
@@ -74,7 +74,7 @@ def test_a_tracker_that_sees_nothing_is_refused():
 @pytest.mark.parametrize("maker", cases(("ur", "fanuc", "kuka", "abb", "yaskawa"), ("fanuc",)))
 def test_the_planned_table_and_a_tracker_s_become_a_run(maker, tmp_path, monkeypatch):
     monkeypatch.setattr(pose_plan, "_POOL", 50)
-    done = succeeded(f"plan ur10e --poses 14 --for {maker} --tracker 2500,0,800 -o {tmp_path}/p")
+    done = succeeded(f"plan ur10e-cell --poses 14 --for {maker} --tracker 2500,0,800 -o {tmp_path}/p")
     assert "random poses" in done.stdout and len(list((tmp_path / "p").iterdir())) > 1
     q = np.radians(numbers_in(tmp_path / "p" / "poses.csv", *JOINTS))
     assert 12 <= len(q) <= 14
@@ -85,7 +85,7 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker, tmp_path, monkeyp
     seen = p + R @ np.array([10.0, 0.0, 90.0]) + [400.0, 300.0, 0.0]
     (tmp_path / "tracker.csv").write_bytes(text(rows(seen), ["X [mm]", "Y [mm]", "Z [mm]"]))
     files = (tmp_path / "tracker.csv", tmp_path / "p" / "poses.csv")
-    succeeded("import", *files, "--join", "rows", "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run")
+    succeeded("import", *files, "--join", "rows", "--rig", "ur10e-cell", "--test", "pose", "-o", tmp_path / "run")
     read = load_run(tmp_path / "run").table
     assert (
         isinstance(read, PoseTable) and np.allclose(read.q, q, atol=1e-6) and np.allclose(read.xyz_mm, seen, atol=1e-5)
@@ -103,4 +103,4 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker, tmp_path, monkeyp
     ],
 )
 def test_contradicting_options_are_refused(options, says):
-    assert says in " ".join(errors_of(f"plan ur10e {options}", exit_code=2).replace("│", " ").split())
+    assert says in " ".join(errors_of(f"plan ur10e-cell {options}", exit_code=2).replace("│", " ").split())

@@ -53,7 +53,7 @@ def test_a_table_that_was_imported_twice_counts_once(runs):
     lap = runs.parent / "lap.csv"
     succeeded(f"export {runs}/000-acw --to csv -o {lap}")
     for name in ("one", "two"):
-        words = ["import", str(lap), "--rig", "ur10e", "--test", "yaw", "-o", str(runs / name)]
+        words = ["import", str(lap), "--rig", "ur10e-cell", "--test", "yaw", "-o", str(runs / name)]
         succeeded(*words)
     found = collect(runs, "ur10e")
     assert len(found.runs) == 3

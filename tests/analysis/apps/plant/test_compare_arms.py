@@ -10,7 +10,7 @@ from tests.support.written_files import JOINTS, PLACES, write_columns
 from tests.worlds.arms.independent_arm import cell, none, postures
 
 
-def arm(directory: Path, name: str, effects: str = "", shipped: str = "ur10e") -> Path:
+def arm(directory: Path, name: str, effects: str = "", shipped: str = "ur10e-cell") -> Path:
     file = directory / f"{name}.yaml"
     text = find(shipped).read_text()
     text = "\n".join(f"name: {name}" if line.startswith("name:") else line for line in text.splitlines())

@@ -8,7 +8,7 @@ from tests.support.pose_runs import pose_run
 from tests.support.refusals import refused
 from tests.worlds.arms.independent_arm import cell, none, postures
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 
 
 def _poses() -> Measured:

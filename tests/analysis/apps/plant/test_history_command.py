@@ -97,7 +97,7 @@ def test_compare_takes_every_run_after_against(runs):
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
     assert "acw rose" in " ".join(printed("compare", *after, "--against", *before).split())
-    assert failure_of("compare", *after, "--rig", "ur10e", "--against", *before)[1] == "compare.option"
+    assert failure_of("compare", *after, "--rig", "ur10e-cell", "--against", *before)[1] == "compare.option"
 
 
 def test_options_with_runs_of_a_comparison_take_urls(runs):

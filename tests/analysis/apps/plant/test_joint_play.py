@@ -10,7 +10,7 @@ from tests.support.every import both_ways
 @pytest.mark.parametrize(("axis", "width_deg"), [(1, 0.010), (1, 0.024), (3, 0.012)])
 def test_a_play_is_found_at_its_joint(axis, width_deg, direction):
     wave = TransmissionError(axis=2, order=1, amplitude_deg=0.01)
-    run = simulate("ur10e", "yaw", direction, seed=1, effects=[Backlash(axis=axis, width_deg=width_deg), wave])
+    run = simulate("ur10e-cell", "yaw", direction, seed=1, effects=[Backlash(axis=axis, width_deg=width_deg), wave])
     plays = joint_plays(evaluate(run))
     found = plays[f"play_j{axis}_deg"]
     assert found.value == pytest.approx(width_deg, abs=max(3 * found.u, 0.001))
@@ -22,14 +22,14 @@ def test_a_play_is_found_at_its_joint(axis, width_deg, direction):
 @pytest.mark.parametrize(("direction", "seed"), [("cw", 5), ("cw", 8), ("acw", 6), ("acw", 11)])
 def test_play_between_model_widths_is_no_play_of_another_joint(direction, seed):
     """With widths a factor of 1.41 apart these laps gave 0.023° with a play of joint 5 of -0.004°."""
-    run = simulate("ur10e", "yaw", direction, seed=seed, effects=[Backlash(axis=1, width_deg=0.024)])
+    run = simulate("ur10e-cell", "yaw", direction, seed=seed, effects=[Backlash(axis=1, width_deg=0.024)])
     plays = joint_plays(evaluate(run))
     assert abs(plays["play_j1_deg"].value - 0.024) < 3 * plays["play_j1_deg"].u
     assert abs(plays["play_j5_deg"].value) < 0.001
 
 
 def test_other_tests_have_no_plays():
-    assert joint_plays(evaluate(simulate("ur10e", "repeatability", seed=1))) == {}
+    assert joint_plays(evaluate(simulate("ur10e-cell", "repeatability", seed=1))) == {}
 
 
 @both_ways

@@ -42,7 +42,7 @@ ZERO_DEG, U_DEG, AXIS = 0.06, 0.006, 3
 DWELL_S = 4.0
 POINTS = 11
 """On each arc, ends included."""
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 ARM = arm_of(RIG.robot)
 FAULTY = RIG.model_copy(
     update={"effects": (JointOffset(axis=AXIS, offset_deg=ZERO_DEG, found=found(offset_deg=U_DEG)),)}
@@ -140,7 +140,7 @@ def _dwelt(events: list[Event]) -> list[ToolPose]:
 
 def test_the_commands_lead_from_a_test_to_its_corrected_program(tmp_path, tables):
     cell = tmp_path / "ur10e.yaml"
-    cell.write_text(load("ur10e")[1])
+    cell.write_text(load("ur10e-cell")[1])
     words = ("program", cell, "--for", "kuka", "--test", "yaw", "-o")
     succeeded(*words, tmp_path / "nominal", "--targets")
     head, first, *_ = (tmp_path / "nominal" / "yaw-path.csv").read_text(encoding="ascii").splitlines()
@@ -151,7 +151,7 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(tmp_path, tables
     assert not (tmp_path / "other").exists()
 
 
-@pytest.mark.parametrize(("robot", "test"), [("ur10e", "radial"), ("paper-fanuc", "yaw")])
+@pytest.mark.parametrize(("robot", "test"), [("ur10e-cell", "radial"), ("paper-fanuc", "yaw")])
 def test_a_table_of_another_test_or_arm_is_refused(robot, test, tables):
     path = tables("yaw")
     joints, poses = read_corrected_path(path)

@@ -61,7 +61,7 @@ def test_identifiers_and_comments():
 
 
 def test_the_command_writes_both_directions_and_nothing_twice(tmp_path):
-    order = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o", tmp_path / "out")
+    order = ("program", "ur10e-cell", "--for", "kuka", "--test", "yaw", "-o", tmp_path / "out")
     done = ran(*order)
     names = ["yaw_acw_ur10e.dat", "yaw_acw_ur10e.src", "yaw_cw_ur10e.dat", "yaw_cw_ur10e.src"]
     assert done.returncode == 0 and sorted(Path(line).name for line in done.stdout.split()) == names
@@ -104,7 +104,7 @@ def test_the_commands_of_the_page_run(line, tmp_path, monkeypatch):
     ],
 )
 def test_wrong_use_is_one_line(words, code, says, tmp_path):
-    (line,) = errors_of(f"program ur10e {words} -o {tmp_path}/out", exit_code=code).splitlines()
+    (line,) = errors_of(f"program ur10e-cell {words} -o {tmp_path}/out", exit_code=code).splitlines()
     assert says in line
     assert not (tmp_path / "out").exists()
 
@@ -112,7 +112,7 @@ def test_wrong_use_is_one_line(words, code, says, tmp_path):
 def test_a_directory_that_cannot_be_made_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
-        (line,) = errors_of(f"program ur10e --for ur --test repeatability -o {output}").splitlines()
+        (line,) = errors_of(f"program ur10e-cell --for ur --test repeatability -o {output}").splitlines()
         assert line.startswith(f"error: {output}") and line.endswith("; choose a different --output")
 
 

@@ -18,7 +18,7 @@ from tests.worlds.arms.iso_plain import cube_places
 from tests.worlds.interpreters.arms import pose_of, rig_of
 from tests.worlds.interpreters.driven import ROUNDING, files_of, run
 
-ARMS = ("ur10e", "paper-fanuc")
+ARMS = ("ur10e-cell", "paper-fanuc")
 PLACE_MM = {"yaskawa": 5e-3}
 
 

@@ -20,8 +20,8 @@ from tests.support.pose_runs import pose_run
 from tests.support.refusals import refused
 from tests.support.written_runs import write_simulated
 
-RIG, TEXT = load("ur10e")
-RIG = load_hidden("ur10e").apply_to(RIG)
+RIG, TEXT = load("ur10e-cell")
+RIG = load_hidden("ur10e-cell").apply_to(RIG)
 
 
 @pytest.fixture(scope="module")

@@ -142,7 +142,7 @@ def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("aim", "minutes"), [("check", 20), ("faults", 50)])
 def test_plan_fits_its_time_and_its_names_every_language(aim, minutes):
-    rig, _ = load("ur10e")
+    rig, _ = load("ur10e-cell")
     stages, steps = planned(rig, aim, minutes, BY_HAND, lambda _: None)
     assert minutes_of(steps, BY_HAND) + BY_HAND.thinking_min <= minutes
     programs = programs_of_steps(rig, stages, steps)

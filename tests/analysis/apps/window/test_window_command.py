@@ -14,7 +14,7 @@ from tests.support.command_line import errors_of, ran
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 0)])
 def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path, end, code):
     env = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "TMPDIR": str(tmp_path)}
-    command = [BIN / "rig", "window", "ur10e", "--port", "0", "--control"]
+    command = [BIN / "rig", "window", "ur10e-cell", "--port", "0", "--control"]
     process = subprocess.Popen(
         command, cwd=tmp_path, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

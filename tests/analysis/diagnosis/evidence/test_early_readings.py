@@ -9,7 +9,7 @@ from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.diagnosis_cells import Array, found_in, measured
 
-RIG = load("ur10e")[0].model_copy(update={"effects": ()})
+RIG = load("ur10e-cell")[0].model_copy(update={"effects": ()})
 RNG = np.random.default_rng(61)
 Q = np.radians([0, -80, 100, -20, 80, 0]) + np.radians(RNG.uniform(-1, 1, (100, 6)) * [60, 25, 25, 60, 40, 80])
 XYZ = forward(arm_of(RIG.robot), Q)[:, :3, 3] + [100.0, -40.0, 10.0] + RNG.normal(0.0, 0.03, (100, 3))

@@ -68,7 +68,7 @@ def test_three_placements_are_diagnosed_as_one_arm():
     assert not any("share a frame" in doubt for doubt in found.doubts)
 
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 TARGETS = np.array([[40.0, 0.0, 120.0], [-40.0, 30.0, 120.0], [0.0, -50.0, 150.0]])
 
 

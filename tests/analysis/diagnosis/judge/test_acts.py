@@ -160,7 +160,7 @@ def test_softness_is_usual_by_the_build_of_the_arm():
     assert soft.usual_times(Reference("industrial")) == 1
     assert soft.deg_per_Nm / (soft.healthy * soft.usual_times(Reference("light"))) < 2  # a UR10 as it was measured
     assert LinkGeometry(axis=3, field="a", delta=0.2).usual_times(Reference("light", link_sizes("light", None))) == 2
-    assert load("ur10")[0].robot.design == "light" and RIG.robot.design == "industrial"
+    assert load("ur10-cell")[0].robot.design == "light" and RIG.robot.design == "industrial"
 
 
 def test_one_lap_each_way_names_nothing_slow_and_two_laps_may():

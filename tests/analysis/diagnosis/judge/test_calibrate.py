@@ -28,7 +28,7 @@ def test_planted_values_are_found(truth, words, test):
     assert off < 4 * found.sd[field] and off < 0.1 * abs(getattr(truth, field))
 
 
-@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e"])
+@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e-cell"])
 def test_the_generator_means_the_same_arm(name):
     rng = np.random.default_rng(0)
     right = healthy(rng)

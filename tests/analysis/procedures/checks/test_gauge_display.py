@@ -11,7 +11,7 @@ from analysis.procedures.checks.gauge_display import display_findings
 from analysis.robot.kinematics.arm import Array
 from tests.support.made_once import made_once
 
-CELLS = [("paper-fanuc", "yaw", 1), ("ur10e", "roll", 5)]
+CELLS = [("paper-fanuc", "yaw", 1), ("ur10e-cell", "roll", 5)]
 """Rig, test and axis with play: laps with and without noise that hides the steps between readings."""
 
 

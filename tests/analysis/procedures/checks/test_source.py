@@ -12,7 +12,7 @@ from rigs.load import load, parse
 from tests.support.command_line import ran
 from tests.worlds.arms.independent_arm import Cell, Wrong, constants_of, flange, healthy, none, postures
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 Array = NDArray[np.float64]
 
 
@@ -54,7 +54,7 @@ def test_the_controllers_constants_come_out_of_thirty_poses(tmp_path):
     )
     rows = np.column_stack([np.degrees(q), p, R.reshape(-1, 9)])[:30]
     np.savetxt(tmp_path / "poses.csv", rows, "%.7f", ",", header=header, comments="")
-    refused = ran(f"import {tmp_path}/poses.csv --rig ur10e --test pose -o {tmp_path}/run")
+    refused = ran(f"import {tmp_path}/poses.csv --rig ur10e-cell --test pose -o {tmp_path}/run")
     *_, line = refused.stderr.strip().splitlines()
     assert refused.returncode == 3 and line.startswith("error: ") and "not measured" in line
     done = ran(f"arms ur10e --poses {tmp_path}/poses.csv -o {tmp_path}/arm.yaml")

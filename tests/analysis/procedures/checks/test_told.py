@@ -27,7 +27,7 @@ def uncoupled(path: Path) -> Path:
 
 def test_missing_coupling_is_reported_at_import_evaluation_and_check(tmp_path):
     source, run = uncoupled(tmp_path / "poses.csv"), tmp_path / "run"
-    done = ran(f"import {source} --rig ur10 --test pose -o {run}")
+    done = ran(f"import {source} --rig ur10-cell --test pose -o {run}")
     said = "(error 0.1"
     assert done.returncode == 0 and said in done.stderr
     assert said in " ".join(ran("analyse", run, COLUMNS="1000").stdout.split())

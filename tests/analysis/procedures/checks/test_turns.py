@@ -28,7 +28,7 @@ def test_a_wrist_that_winds_on_is_no_mistake_of_units():
     q = np.radians(np.random.default_rng(1).uniform(-120, 120, (40, 6)))
     q[:, 5] += np.linspace(0, 9 * 2 * np.pi, 40)
     assert impossible_rad(q) == 0.0
-    assert not list(unit_findings(PoseTable(q, np.ones((40, 3)), None), load("ur10")[0]))
+    assert not list(unit_findings(PoseTable(q, np.ones((40, 3)), None), load("ur10-cell")[0]))
     assert impossible_rad(np.degrees(q)) > 100
 
 
@@ -47,7 +47,7 @@ def test_sound_cell_passes_and_broken_convention_is_reported(name):
     assert any(map(cell.is_named, found)) if cell.convention else found == []
 
 
-RIG = load("ur10e")[0].model_copy(update={"effects": ()})
+RIG = load("ur10e-cell")[0].model_copy(update={"effects": ()})
 LIMITS = np.radians([-360.0, 360.0])
 RNG = np.random.default_rng(8)
 

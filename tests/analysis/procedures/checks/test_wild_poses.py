@@ -18,7 +18,7 @@ from tests.support.made_once import made_once
 from tests.support.refusals import refused
 from tests.worlds.arms.independent_arm import Seen, cell, healthy, postures
 
-RIG = load("ur10e")[0]
+RIG = load("ur10e-cell")[0]
 
 
 @made_once

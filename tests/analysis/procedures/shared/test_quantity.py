@@ -59,7 +59,7 @@ def test_two_u_of_few_runs_follow_students_law(freedom):
 
 
 def test_without_certificates_nothing_changes_and_ball_and_link_enter_where_they_count():
-    rig, _ = load("ur10e")
+    rig, _ = load("ur10e-cell")
     names = ("radius_mm", "ap_mm", "centre_x_mm", "spread_mm")
     figures = {name: Quantity(1.0, 0.003, "mm") for name in names}
     assert with_certificates(figures, NO_CERTIFICATE, rig, "radial") is figures

@@ -161,7 +161,7 @@ def _text(
     **more: Any,
 ) -> str:
     """The UR10e with certificates, gauges without clocks of their own."""
-    data = yaml.safe_load(load("ur10e")[1])
+    data = yaml.safe_load(load("ur10e-cell")[1])
     for number, (name, certificate) in enumerate((("g1", g1), ("g2", g2))):
         port = {"port": f"tcp://127.0.0.1:{502 + number}", "clock_s": None, "clock_us": None}
         data["gauges"][name] |= port | ({"certificate": certificate} if certificate else {})

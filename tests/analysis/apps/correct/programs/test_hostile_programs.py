@@ -19,7 +19,7 @@ from tests.support.stated_controller import load
 from tests.support.written_files import contents
 from tests.worlds.arms.faulty_arm import EFFECTS, found, known
 
-RIG = known(load("ur10e")[0])
+RIG = known(load("ur10e-cell")[0])
 MANY = 10_000
 
 
@@ -31,7 +31,7 @@ def _corrected(path: Path, *effects: Effect) -> CorrectedProgram:
 @pytest.fixture
 def cell(tmp_path):
     path = tmp_path / "cell.yaml"
-    path.write_text(extended(load("ur10e")[1], list(EFFECTS), "cell"))
+    path.write_text(extended(load("ur10e-cell")[1], list(EFFECTS), "cell"))
     return path
 
 
@@ -190,7 +190,7 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     ids=["a sound arm", "a play alone"],
 )
 def test_no_program_is_written_without_a_gain(effect, tmp_path, script, cell):
-    cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
+    cell.write_text(extended(load("ur10e-cell")[1], [effect], "cell"))
     out = tmp_path / "out"
     done = ran(f"correct {cell} --program {script} --points computed -o {out} --json")
     assert done.returncode == 3 and json.loads(done.stderr.splitlines()[-1])["error"]["code"] == "correct.no_gain"

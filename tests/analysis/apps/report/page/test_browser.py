@@ -30,9 +30,9 @@ DRAWN = (
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    rig, text = load("ur10e")
+    rig, text = load("ur10e-cell")
     folder = tmp_path_factory.mktemp("page")
-    hidden = load_hidden("ur10e").apply_to(rig)
+    hidden = load_hidden("ur10e-cell").apply_to(rig)
     runs = [*write_simulated(hidden, text, "yaw", ("acw", "cw"), [1], folder)]
     runs += write_simulated(hidden, text, "radial", (None,), [1], folder)
     measured = [load_run(run) for run in runs]

@@ -29,8 +29,8 @@ from tests.support.nightly import cases
 from tests.support.refusals import refused
 from tests.support.written_runs import write_simulated
 
-RIG, TEXT = load("ur10e")
-HIDDEN = load_hidden("ur10e").apply_to(RIG)
+RIG, TEXT = load("ur10e-cell")
+HIDDEN = load_hidden("ur10e-cell").apply_to(RIG)
 MOST_BYTES = 3_000_000
 EVIL = '<script>alert(1)</script>"\x1b[31m\u202e'
 

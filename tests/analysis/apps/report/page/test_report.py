@@ -19,7 +19,7 @@ from tests.support.refusals import refused
 from tests.support.store_cases import edit_manifest
 from tests.support.written_runs import write_simulated
 
-RIG, TEXT = load("ur10e")
+RIG, TEXT = load("ur10e-cell")
 EVIL = "<b>A & B</b>"
 
 

@@ -18,14 +18,14 @@ from tests.support.handmade_diagnosis import diagnosis, judged
 from tests.support.written_runs import write_simulated
 
 TEXTS = texts_of("en")
-RIG, TEXT = load("ur10e")
+RIG, TEXT = load("ur10e-cell")
 
 
 @pytest.fixture(scope="module")
 def laps(tmp_path_factory):
     """One yaw run in each direction of a robot with play."""
     folder = tmp_path_factory.mktemp("laps")
-    runs = write_simulated(load_hidden("ur10e").apply_to(RIG), TEXT, "yaw", ("acw", "cw"), [1], folder)
+    runs = write_simulated(load_hidden("ur10e-cell").apply_to(RIG), TEXT, "yaw", ("acw", "cw"), [1], folder)
     return evaluate_runs([load_run(run) for run in runs])
 
 

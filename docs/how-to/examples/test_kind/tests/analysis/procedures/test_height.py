@@ -12,7 +12,7 @@ from analysis.runs.tables import columns_of, table_from
 from rigs.errors import FileError
 from rigs.load import load
 
-RIG, _ = load("ur10e")
+RIG, _ = load("ur10e-cell")
 Q = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 6))
 OFF = np.eye(6)[1] * 1e-3
 

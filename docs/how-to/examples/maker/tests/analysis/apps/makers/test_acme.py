@@ -16,7 +16,7 @@ from analysis.apps.programs.planned import plans_of
 from rigs.load import load
 from tests.worlds.arms.faulty_arm import known
 
-RIG = known(load("ur10e")[0])
+RIG = known(load("ur10e-cell")[0])
 (PLAN,) = plans_of(RIG, "repeatability", 3.0)
 (TEXT,) = programs_of("acme", [(PLAN, demand_of(PLAN))]).values()
 
