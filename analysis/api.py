@@ -46,7 +46,7 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName, direction_of
 
 RigFile = str | Path
-"""Path of a rig file, name of a shipped rig such as `paper-fanuc`, or name of an arm in the library."""
+"""Path of a rig file, name of a shipped rig such as `ur10e-cell`, or name of an arm in the library such as `ur10e`."""
 AnyRun = Measured | str | Path
 """A run, or the path of a run directory."""
 
@@ -100,7 +100,7 @@ def read_table(
 
     Example:
 
-        run = read_table("roll.csv", "ur10e", test="roll", direction="acw")
+        run = read_table("roll.csv", "ur10e-cell", test="roll", direction="acw")
         print(run.to_table().column_names)
 
     Source: docs/tables.md.

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from rigs.arms import arm_files, rig_text_of
+from rigs.arms import arm_files, load_arm, rig_text_of
 from rigs.calibration import MOST_CALIBRATION_BYTES, CalibratedModel, CalibrationFile, largest_sd
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
@@ -105,6 +105,18 @@ def find(name: str | Path) -> Path:
     FileError that lists the shipped rigs.
     """
     return _find_file(name, {**shipped(), **arm_files()}, "rig file", "rig", shipped())
+
+
+def names_a_cell(name: str) -> bool:
+    """True if a name given as an arm would load a shipped cell, with its tool, payload and gauges."""
+    return not Path(name).is_file() and the_same(name, {**shipped(), **arm_files()}) in shipped()
+
+
+def example_cell(rig: Rig) -> str | None:
+    """Shipped cell with this arm if a rig is an arm of the library without gauges, as `load("ur10e")` gives it."""
+    cell = f"{rig.name}-cell"
+    is_bare = cell in shipped() and not rig.gauges.recorded and rig.robot == load_arm(rig.name).robot
+    return cell if is_bare else None
 
 
 def _find_file(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar, get_args
 
 from rigs.errors import FileError, RigPlace
+from rigs.load import example_cell
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, TEST_PARTS, DrivenTest, PartName, TestName
 
@@ -28,7 +29,13 @@ class MissingEntry:
     remedy: str
 
     def error(self, rig: Rig) -> FileError:
-        return FileError(RigPlace.of(rig.name), self.problem, self.remedy, code="rig_file.not_ready")
+        return FileError(RigPlace.of(rig.name), self.problem, f"{cell_hint(rig)}{self.remedy}", code="rig_file.not_ready")
+
+
+def cell_hint(rig: Rig) -> str:
+    """First part of a remedy for someone who gave an arm but wants the shipped cell with it; otherwise empty."""
+    cell = example_cell(rig)
+    return f"for the shipped cell with this arm, give {cell}; otherwise " if cell else ""
 
 
 def gauges_needed(test: TestName) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from itertools import pairwise
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -163,7 +164,23 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         new_names = _OLD_OPTIONS.get(self.name or "", {})
         spelled = [word.partition("=") for word in args]
-        return super().parse_args(ctx, ["".join((new_names.get(name, name), *value)) for name, *value in spelled])
+        words = ["".join((new_names.get(name, name), *value)) for name, *value in spelled]
+        self._refuse_cell_as_arm(words)
+        return super().parse_args(ctx, words)
+
+    def _refuse_cell_as_arm(self, words: list[str]) -> None:
+        """Refuse `--arm CELL`: the tool, payload and gauges of a shipped cell are not those of the user."""
+        given = [word.removeprefix("--arm=") for word in words if word.startswith("--arm=")]
+        given += [name for option, name in pairwise(words) if option == "--arm"]
+        if not given:
+            return
+        from rigs.load import names_a_cell
+
+        for name in filter(names_a_cell, given):
+            takes_cells = any("--rig" in parameter.opts for parameter in self.params)
+            cell = f", or --rig {name} for the cell with its tool and gauges" if takes_cells else ""
+            problem = f"{name} is a shipped cell, not an arm of the library"
+            raise UseError("--arm", problem, f"give an arm that rig arms lists{cell}", code="arm.unknown")
 
 
 def taking_all(option: str) -> type[Command]:

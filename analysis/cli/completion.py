@@ -65,6 +65,12 @@ def rig_files(incomplete: str) -> Iterator[str]:
 
 
 @_quietly
+def rigs_and_arms(incomplete: str) -> Iterator[str]:
+    yield from rig_files(incomplete)
+    yield from arms()
+
+
+@_quietly
 def arms() -> Iterator[str]:
     from rigs.arms import arm_names
 

@@ -104,7 +104,7 @@ RigArgument = Annotated[
 
 
 def rig_option(meaning: str) -> Any:
-    return typer.Option("--rig", "--arm", autocompletion=completion.rig_files, help=meaning)
+    return typer.Option("--rig", "--arm", autocompletion=completion.rigs_and_arms, help=meaning)
 
 
 ModelRig = Annotated[

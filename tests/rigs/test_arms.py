@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from rigs import arms
 from rigs.arms import ArmFile, arm_names, load_arm
 from rigs.errors import FileError
-from rigs.load import SHIPPED, load, parse, shipped
+from rigs.load import SHIPPED, example_cell, load, parse, shipped
 from rigs.schema.feedback import NoFeedback
 from rigs.schema.limits import Limits
 from rigs.schema.robot import Pose, Robot
@@ -34,6 +34,20 @@ def test_name_of_an_arm_brings_no_cell(name):
 
 def test_no_shipped_cell_has_the_name_of_an_arm():
     assert not set(shipped()) & set(ARMS)
+    for cell in shipped():
+        if cell.endswith("-cell"):
+            assert load(cell)[0].robot.arm == cell.removesuffix("-cell")
+
+
+@pytest.mark.parametrize(("name", "cell"), [("ur10e", "ur10e-cell"), ("ur10", "ur10-cell"), ("ur5e", None)])
+def test_bare_arm_refers_to_its_shipped_cell(name, cell):
+    rig, _ = load(name)
+    assert example_cell(rig) == cell
+    assert example_cell(rig.model_copy(update={"name": "mine"})) is None
+
+
+def test_cell_is_not_a_bare_arm():
+    assert load("ur10e-cell")[0].name == "ur10e" and example_cell(load("ur10e-cell")[0]) is None
 
 
 @pytest.mark.parametrize("name", ARMS)

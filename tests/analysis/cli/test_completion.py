@@ -54,6 +54,7 @@ def test_rig_files_complete(place):
     assert found[0] == "mine.yaml" and {"ur10e-cell", "paper-fanuc"} <= set(found)
     assert "mine.yaml" in offered(place, "rig simulate ")
     assert offered(place, "rig calibrate runs/lap-1 --rig mi") == ["mine.yaml"]
+    assert offered(place, "rig calibrate runs/lap-1 --arm ur10e") == ["ur10e-cell", "ur10e"]
 
 
 def test_robots_and_daemons_complete(place):

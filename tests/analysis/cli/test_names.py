@@ -3,11 +3,12 @@ import socket
 
 import pytest
 
+import analysis
 from analysis.apps.emulate.served_cell import locked_cell
 from analysis.cli.options import operator_or_user
 from daq.store import durable
 from rigs.errors import FileError
-from rigs.load import SHIPPED, find
+from rigs.load import SHIPPED, find, names_a_cell
 from rigs.schema.vocabulary import maker_named
 from tests.support.command_line import errors_of, ran, succeeded
 from tests.support.refusals import refused
@@ -45,8 +46,38 @@ def test_ambiguous_name_is_refused_with_near_ones():
     assert ran("arms UR10E").stdout == ran("arms ur10e").stdout != ""
 
 
+@pytest.mark.parametrize(
+    "command", ["simulate ur10e --test yaw -o {}", "emulate UR10E -o {}", "program ur10e --for ur --test yaw -o {}"]
+)
+def test_command_that_needs_a_cell_names_the_one_with_this_arm(command, tmp_path):
+    (line,) = errors_of(command.format(tmp_path / "out")).splitlines()
+    assert "for the shipped cell with this arm, give ur10e-cell;" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_api_names_the_cell_too():
+    with refused("rig_file.not_ready") as refusal:
+        analysis.simulate("ur10e", "radial")
+    assert "give ur10e-cell;" in refusal.value.remedy
+
+
+@pytest.mark.parametrize("command", ["analyse", "diagnose", "calibrate", "report", "compare", "moved"])
+@pytest.mark.parametrize("word", ["--arm paper-fanuc", "--arm=UR10e-cell"])
+def test_shipped_cell_is_no_arm(command, word):
+    (line,) = errors_of(f"{command} poses.csv {word}", exit_code=2).splitlines()
+    name = word[6:]
+    assert f"--arm: {name} is a shipped cell" in line and f"--rig {name} for the cell" in line
+
+
+def test_own_file_may_have_the_name_of_a_shipped_cell(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert names_a_cell("ur10e-cell") and not names_a_cell("ur10e")
+    (tmp_path / "ur10e-cell").write_bytes((SHIPPED / "ur10e-cell.yaml").read_bytes())
+    assert not names_a_cell("ur10e-cell")
+
+
 def test_earlier_spellings_of_options_work_and_are_hidden(tmp_path):
-    radial = ("simulate", "UR10e", "--test", "radial")
+    radial = ("simulate", "UR10e cell", "--test", "radial")
     succeeded(*radial, "--runs", "2", "-o", tmp_path / "runs")
     succeeded(*radial, "--times=2", "-o", tmp_path / "same")
     assert len(list((tmp_path / "runs").iterdir())) == len(list((tmp_path / "same").iterdir())) == 2

@@ -79,5 +79,6 @@ def test_shortest_session_fits_into_the_time_that_its_refusal_states(rig):
 
 def test_a_rig_without_gauges_is_refused():
     bare = parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml")
-    with refused("session.no_gauges"):
+    with refused("session.no_gauges") as refusal:
         planned(bare, "faults", 50, BY_HAND, lambda _: None)
+    assert refusal.value.remedy.startswith("measure poses")
