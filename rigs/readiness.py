@@ -29,7 +29,8 @@ class MissingEntry:
     remedy: str
 
     def error(self, rig: Rig) -> FileError:
-        return FileError(RigPlace.of(rig.name), self.problem, f"{cell_hint(rig)}{self.remedy}", code="rig_file.not_ready")
+        remedy = f"{cell_hint(rig)}{self.remedy}"
+        return FileError(RigPlace.of(rig.name), self.problem, remedy, code="rig_file.not_ready")
 
 
 def cell_hint(rig: Rig) -> str:

@@ -38,7 +38,7 @@ from analysis.robot.geometry.driven_programs import circle_program
 from analysis.runs.written_files import write_all_over
 from daq.store.manifest import DrivenWith
 from rigs.errors import FileError, RigPlace, UseError
-from rigs.readiness import cell_hint, require_test
+from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName, TestName
 from rigs.yaml_text import data_of
@@ -123,8 +123,8 @@ def planned(
     """Raises FileError if the arm cannot drive the circle, and UseError if the time is too short."""
     if not rig.gauges.recorded:
         problem = "does not have gauges, but a session needs two gauges to read circles"
-        measure = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then run rig diagnose"
-        raise FileError(RigPlace.of(rig.name), problem, f"{cell_hint(rig)}{measure}", code="session.no_gauges")
+        remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then run rig diagnose"
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="session.no_gauges")
     require_test(rig, MAIN)
     minutes -= pace.thinking_min
     main = Stage(name=MAIN, words=_set_up(MAIN, None))
