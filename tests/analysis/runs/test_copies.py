@@ -21,8 +21,8 @@ OTHERWISE = ("../{}/lap", "linked", "copied")
 def cell(tmp_path_factory):
     """A directory with a run, a copy, a link to it, a table of its readings, and a copy of the table."""
     folder = tmp_path_factory.mktemp("twice")
-    analysis.save_run(analysis.simulate("ur10e", "roll", "acw"), folder / "lap")
-    analysis.save_run(analysis.simulate("ur10e", "roll", "acw", seed=1), folder / "other")
+    analysis.save_run(analysis.simulate("ur10e-cell", "roll", "acw"), folder / "lap")
+    analysis.save_run(analysis.simulate("ur10e-cell", "roll", "acw", seed=1), folder / "other")
     shutil.copytree(folder / "lap", folder / "copied")
     (folder / "linked").symlink_to(folder / "lap")
     rng = np.random.default_rng(2)
@@ -67,7 +67,7 @@ def test_the_same_arm_given_twice_is_refused():
 
 
 def test_functions_refuse_the_same_run(cell):
-    run, rig = analysis.load_run(cell / "lap"), load("ur10e")[0]
+    run, rig = analysis.load_run(cell / "lap"), load("ur10e-cell")[0]
     for call in (
         lambda: analysis.compare(run, unseen=run),
         lambda: analysis.diagnose([run, run]),

@@ -37,7 +37,7 @@ VALUES = {"joint_zeros": [{"axis": 2, "add_deg": -0.08}, {"axis": 3, "add_deg": 
 @pytest.fixture
 def cell(tmp_path):
     path = tmp_path / "cell.yaml"
-    path.write_text(extended(load("ur10e")[1], list(EFFECTS), "cell"))
+    path.write_text(extended(load("ur10e-cell")[1], list(EFFECTS), "cell"))
     write_files(tmp_path, {"pick.src": SOURCE, "pick.dat": DATA})
     (tmp_path / "values.yaml").write_text(yaml.safe_dump(VALUES))
     return path
@@ -91,7 +91,7 @@ def test_mastered_zeros_are_converted_once(cell):
 
 
 def test_conversion_needs_neither_effects_nor_a_model(cell):
-    cell.write_text(load("ur10e")[1])
+    cell.write_text(load("ur10e-cell")[1])
     succeeded(*command(cell, "--points", "taught", "--since", cell.with_name("values.yaml")))
     cell.with_name("out").rename(cell.with_name("first"))
     succeeded(*command(cell, "--points", "taught"))
@@ -171,14 +171,14 @@ def test_calibration_of_another_type_of_arm_is_refused(cell):
     other.write_text(extended(load("paper-fanuc")[1], list(EFFECTS), "other"))
     with refused("points.since"):
         points_of(rig, "taught", other)
-    other.write_text(load("ur10e")[1])
+    other.write_text(load("ur10e-cell")[1])
     with refused("points.since"):
         points_of(rig, "taught", other)
 
 
 def test_points_of_another_arm_are_corrected_by_the_difference(cell):
     other = cell.with_name("other.yaml")
-    text = load("ur10e")[1].replace("robot:\n", "robot:\n  serial: B7\n", 1)
+    text = load("ur10e-cell")[1].replace("robot:\n", "robot:\n  serial: B7\n", 1)
     other.write_text(extended(text, [JointOffset(axis=3, offset_deg=0.2, found=found(offset_deg=0.002))], "other"))
     origin = points_of(load(cell)[0], "taught", other).origin
     assert isinstance(origin, ChangedArm) and origin.is_another_arm
