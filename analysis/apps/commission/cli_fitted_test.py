@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from itertools import count, product
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -101,27 +100,8 @@ def _not_drivable(rig: Rig) -> list[str]:
     try:
         circle_program(rig, "acw")
     except RigError as error:
-        turned = _drivable_posture(rig)
-        remedy = f"posture_deg: {turned} would be reachable" if turned else error.remedy
-        return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
+        return [f"the robot cannot drive a program of this circle: {error.what}; {error.remedy}"]
     return []
-
-
-def _drivable_posture(rig: Rig) -> list[float] | None:
-    """Start of the fitted circle with an axis turned by a full turn, from which the robot can drive it."""
-    from analysis.robot.geometry.driven_programs import circle_program
-
-    circle = rig.tests.circle
-    assert circle is not None  # noqa: S101 - it was just fitted
-    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
-        posture = list(circle.posture_deg)
-        posture[axis] = round(posture[axis] + turn_deg, 2)
-        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
-        tests = rig.tests.model_copy(update={"circle": turned})
-        with suppress(RigError):
-            circle_program(rig.model_copy(update={"tests": tests}), "acw")
-            return posture
-    return None
 
 
 def _replace(path: Path, old: str, new: str) -> Path:

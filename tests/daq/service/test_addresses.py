@@ -52,7 +52,7 @@ def test_as_scripts_install_calls_it(tmp_path):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("name: [")
     command = [sys.executable, "-m", "daq.service.addresses"]
-    done = subprocess.run([*command, "ur10e"], capture_output=True, text=True, check=True)
+    done = subprocess.run([*command, "ur10e-cell"], capture_output=True, text=True, check=True)
     assert "IPAddressAllow=" in done.stdout and not done.stderr
     done = subprocess.run([*command, wrong], capture_output=True, text=True, check=False)
     assert done.returncode == 3 and done.stderr.count("\n") == 1 and not done.stdout
