@@ -40,7 +40,7 @@ def test_an_mcap_reader_moves_the_arm(tmp_path):
     rig = yaml.safe_load(run.manifest.rig_text)
     columns = run.streams["robot"]
     assert len(messages["/joint_states"]) == len(columns["q1_deg"])
-    arm = arm_of(load("ur10e")[0].robot)
+    arm = arm_of(load("ur10e-cell")[0].robot)
     for number in (0, len(columns["q1_deg"]) // 2, -1):
         joints = messages["/joint_states"][number]["joints"]
         assert isinstance(joints, list) and [one["name"] for one in joints] == [

@@ -49,7 +49,7 @@ def test_reversals_of_the_papers_table_1():
 
 @pytest.mark.parametrize("direction", ["cw", "acw"])
 def test_lap_that_fits_the_limits_only_a_full_turn_away_begins_there(direction):
-    rig, _ = load("ur10e")
+    rig, _ = load("ur10e-cell")
     circle = circle_of(rig)
     turned = circle.model_copy(update={"posture_deg": (*circle.posture_deg[:5], circle.posture_deg[5] - 360)})
     elsewhere = rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": turned})})
@@ -57,7 +57,7 @@ def test_lap_that_fits_the_limits_only_a_full_turn_away_begins_there(direction):
 
 
 def test_lap_that_fits_in_no_turn_is_refused():
-    rig, _ = load("ur10e")
+    rig, _ = load("ur10e-cell")
     axes = (*rig.robot.axes[:5], rig.robot.axes[5].model_copy(update={"limits_deg": (-190.0, 190.0)}))
     narrow = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": axes})})
     with refused("path.limits"):
