@@ -35,6 +35,4 @@ def test_the_generator_means_the_same_arm(name):
     right = replace(right, **{key: 0.0 * getattr(right, key) for key in right.__dataclass_fields__})
     q = postures(name, 20, rng)
     bare = replace(arm_of(load(name)[0].robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
-    np.testing.assert_allclose(
-        flange(constants_of(name), right, q)[1], forward(bare, q)[:, :3, 3], atol=1e-9
-    )
+    np.testing.assert_allclose(flange(constants_of(name), right, q)[1], forward(bare, q)[:, :3, 3], atol=1e-9)
