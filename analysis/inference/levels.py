@@ -19,6 +19,7 @@ from analysis.inference.linear_model import (
     ByBand,
     Indices,
     LinearModel,
+    Matrix,
     Posterior,
     Prior,
     condition,
@@ -28,6 +29,8 @@ Logs = NDArray[np.float64]
 """Natural logarithms (b + l,) of the noise variances of the bands, then of the levels of the groups."""
 _MOST_STEPS = 60
 """Largest number of evaluations. Chosen: fits of ten levels end after 10 to 30."""
+_STEP = 2e-3
+"""Step of a logarithm for the curvature: the slope is exact, so that its differences lose three digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +111,32 @@ def fit_levels(model: LinearModel, prior: Prior, group: Indices, of_levels: Leve
     optimum = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxfun": _MOST_STEPS})
     logs = np.asarray(optimum.x, dtype=np.float64)
     return Levels(logs, at_levels(model, prior, group, logs))
+
+
+def covariance_of_logs(
+    model: LinearModel, prior: Prior, group: Indices, of_levels: LevelPrior, logs: Logs, free: Indices
+) -> Matrix:
+    """Covariance (f, f) of the logarithms `free` at their likeliest values, by Laplace's approximation.
+
+    No direction is wider than the widest prior. Twice the logarithm of the standard deviation of n readings has the
+    variance 2 / n:
+
+    >>> from analysis.inference.linear_model import linear_model
+    >>> nothing = model, prior = linear_model(np.zeros((50, 1)), np.resize([1.0, -1.0], 50)), Prior(*np.zeros((2, 1)))
+    >>> wide = LevelPrior(np.zeros(1), np.full(1, np.inf), np.full(1, -9.0), np.full(1, 9.0))
+    >>> covariance_of_logs(*nothing, np.array([-1]), wide, np.zeros(1), np.array([0])).round(4)
+    array([[0.04]])
+    """
+    levels = len(logs) - len(model.count)
+
+    def slope(at: Logs) -> Logs:
+        away = (at - of_levels.median) / of_levels.width**2
+        return away - slope_by_logs(at_levels(model, prior, group, at), group, levels)
+
+    steps = _STEP * np.eye(len(logs))[free]
+    curvature = np.stack([(slope(logs + step) - slope(logs - step))[free] for step in steps]) / (2 * _STEP)
+    values, axes = np.linalg.eigh((curvature + curvature.T) / 2)
+    return np.asarray((axes / np.maximum(values, of_levels.width[free].max() ** -2)) @ axes.T)
 
 
 def noise_of_residual(posterior: Posterior, least_freedom: float = 0.25) -> ByBand:

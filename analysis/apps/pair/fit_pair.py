@@ -82,7 +82,7 @@ def fit_pair(pair: Pair) -> FittedPair:
     while True:
         for _ in range(_ROUNDS):
             gaps = linearise(pair, state)
-            levels = fitted_levels(gaps, None if levels is None else levels.log)
+            levels = fitted_levels(gaps, None if levels is None else levels.logs)
             at_levels = posterior(gaps, levels)
             step = at_levels.mean.copy()  # its terms are absolute, and the set-up is relative to the linearisation
             step[gaps.group >= 0] -= np.concatenate(gaps.state.times)
