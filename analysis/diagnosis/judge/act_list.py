@@ -8,7 +8,7 @@ uncertainty of each figure.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.evidence.observation import ObservedRun
@@ -108,20 +108,16 @@ def acts_of(
         large = diagnosis.parts(lambda part: part.share > LEAST_SHARE)
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
     reducing = [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)]
-    acts = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
-    acts = one_after_the_other(sorted(acts, key=lambda act: act.conditional), judged)
-    # Missing repeats are asked for last, unless scatter is the largest part of the error.
+    reducing = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
+    # An action on a cause that is not certain follows the measurements, because one of them may confirm it.
+    reducing = one_after_the_other(sorted(reducing, key=lambda act: act.conditional), judged)
+    certain, conditional = _divided(reducing, lambda act: not act.conditional)
     asked = _measurements(diagnosis, judged, tests)
-    asked.sort(key=lambda act: act.why == "revisit" and act.parts[:1] != (0,))
-    first = [act for act in asked if _comes_first(act, acts, diagnosis, judged)]
-    later = [act for act in asked if act not in first]
+    first, later = _divided(asked, lambda act: _comes_first(act, reducing, diagnosis, judged))
     # A test that shows whether the correction holds elsewhere precedes the correction.
-    before_load = [act for act in later if act.why == "elsewhere" and not judged.is_validated]
-    loads = next((k for k, act in enumerate(acts) if act.kind == "load"), len(acts))
-    later = [act for act in later if act not in before_load]
-    acts = [*first, *acts[:loads], *before_load, *acts[loads:], *later]
-    # An action on a cause that is not certain does not precede the measurement that may confirm it.
-    acts.sort(key=lambda act: act.conditional)
+    before_load, later = _divided(later, lambda act: act.why == "elsewhere" and not judged.is_validated)
+    load = next((k for k, act in enumerate(certain) if act.kind == "load"), len(certain))
+    acts = [*first, *certain[:load], *before_load, *certain[load:], *later, *conditional]
     served = {k for act in acts for k in act.parts}
     acts += [
         Act("none", _reason(diagnosis, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um)
@@ -130,6 +126,10 @@ def acts_of(
     ]
     acts = _with_active_correction(acts) if diagnosis.driven_corrected else acts
     return (*before, *(acts or [Act("none", "sound")]))
+
+
+def _divided(acts: Sequence[Act], is_first: Callable[[Act], bool]) -> tuple[list[Act], list[Act]]:
+    return [act for act in acts if is_first(act)], [act for act in acts if not is_first(act)]
 
 
 def _with_active_correction(acts: Sequence[Act]) -> list[Act]:
@@ -142,7 +142,7 @@ def _with_active_correction(acts: Sequence[Act]) -> list[Act]:
     active = ActiveCorrection("programs", loads.residual_um, loads.remains_u_um or 0.0)
     to_do, instead = open_acts(acts, active, elsewhere=False)
     replaced = [replace(act, against=(*act.against, Against("corrected"))) for act in instead]
-    if any(act.kind in CHANGES_ARM for act in to_do):
+    if any(act.kind in CHANGES_ARM and act.remains_um is not None and not act.conditional for act in to_do):
         return [*to_do, *replaced]
     corrected = replace(CORRECTED, parts=loads.parts, place=loads.place, remains_um=loads.remains_um)
     return [replace(corrected, remains_u_um=loads.remains_u_um), *to_do, *replaced]

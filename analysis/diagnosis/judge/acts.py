@@ -195,24 +195,27 @@ def open_acts(
 ) -> tuple[tuple[_Listed, ...], tuple[_Listed, ...]]:
     """Divide actions that are not done into those to do, and those that would only replace the active correction.
 
-    An action that changes the arm makes the active correction wrong. It is worthwhile only if all of them together
-    leave a smaller error than the corrected robot has. Entered values include zeros, so re-mastering would correct
-    twice. elsewhere: a different place has validated the model.
+    An action that changes the arm makes the active correction wrong. It is worthwhile only if one or several of them
+    leave a smaller error than the corrected robot has. elsewhere: a different place has validated the model.
     """
-    left_um = [um for act in acts if act.kind in CHANGES_ARM for um in (act.remains_um, act.with_before_um) if um]
-    is_better = active is None or active.um is None or min(left_um, default=math.inf) + 2 * active.u_um < active.um
+    offered = [act for act in acts if not (active and is_contained(act, active))]
+    changes = [act for act in offered if act.kind in CHANGES_ARM]
+    left_um = [act.remains_um for act in changes]
+    if len(changes) == sum(act.kind in CHANGES_ARM for act in acts):  # several together, if all of them are offered
+        left_um += [act.with_before_um for act in changes]
+    least_um = min((um for um in left_um if um is not None), default=math.inf)
+    is_better = active is None or active.um is None or least_um + 2 * active.u_um < active.um
     to_do, instead = list[_Listed](), list[_Listed]()
-    for act in acts:
-        if (act.kind, act.why) == ("measure", "elsewhere") and elsewhere:
-            continue
-        if active is None:
-            to_do.append(act)
-        elif act.kind in ("load", "enter", "approach") or (act.kind == "remaster" and active.way == "entries"):
-            continue
-        else:
+    for act in offered:
+        if not (elsewhere and (act.kind, act.why) == ("measure", "elsewhere")):
             is_instead = act.kind in CHANGES_ARM and act.remains_um is not None and not is_better
             (instead if is_instead else to_do).append(act)
     return tuple(to_do), tuple(instead)
+
+
+def is_contained(act: ListedAct, active: ActiveCorrection) -> bool:
+    """True if the active correction contains an action. Entered values include zeros: re-mastering corrects twice."""
+    return act.kind in ("load", "enter", "approach") or (act.kind == "remaster" and active.way == "entries")
 
 
 CHANGES_ARM = ("repair", "remaster", "enter", "check", "mount")

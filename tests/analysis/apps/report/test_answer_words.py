@@ -168,6 +168,19 @@ def test_all_repairs_together_may_improve_a_corrected_robot():
     assert to_do == (_MASTER, second) and not instead
 
 
+@pytest.mark.parametrize("with_before_um", [None, 1.0])
+def test_values_that_the_correction_contains_are_no_reason_to_repair(with_before_um):
+    enter = replace(_MASTER, kind="enter", remains_um=0.0)
+    repair = replace(_MASTER, kind="repair", with_before_um=with_before_um)
+    divided = open_acts((enter, repair), ActiveCorrection("programs", 5.0, 0.1), elsewhere=False)
+    assert divided == ((), (repair,))
+
+
+def test_repair_that_leaves_no_error_improves_a_corrected_robot():
+    perfect = replace(_MASTER, remains_um=0.0)
+    assert open_acts((perfect,), ActiveCorrection("programs", 5.0, 0.1), elsewhere=False) == ((perfect,), ())
+
+
 def test_measurement_elsewhere_is_done_if_another_place_validated():
     assert [open_acts((_ELSEWHERE,), None, elsewhere=done)[0] for done in (True, False)] == [(), (_ELSEWHERE,)]
 

@@ -331,6 +331,21 @@ def test_runs_driven_corrected_need_nothing_unless_a_repair_leaves_less():
     assert not {act.kind for act in acts} & {"load", "enter", "approach"}
 
 
+def test_repair_of_an_uncertain_cause_does_not_precede_the_advice_to_keep_the_correction():
+    effects = (replace(_SURE_ZERO, rivals=(Rival(_LENGTH, {}, 0.3),)),)
+    found = diagnosis("named", effects=effects, calibrated=calibrated_model(effects=(_ZERO,)), driven_corrected=True)
+
+    class Place(JudgedPlace):
+        def removed(self, effects: Sequence[Effect], _relative_u: float = 0.0) -> Act:
+            um = 95.0 if list(effects) == [effects[0]] and effects[0] in [one.effect for one in found.effects] else 90.0
+            return Act("none", "sound", removes_um=um, removes_u_um=1.0, remains_um=100.0 - um, place="unseen")
+
+    effects_of_model = [_ZERO, LinkGeometry(axis=3, field="a", delta=0.2)]
+    acts = acts_of(found, Place("unseen", None, (), effects_of_model, None, None))
+    assert (acts[0].kind, acts[0].why) == ("none", "corrected")
+    assert acts[-1].conditional
+
+
 def test_approach_follows_acts_with_a_larger_gain():
     approach = Act("approach", "history", (1,), remains_um=307, effect=Backlash(axis=5, width_deg=0.03))
     load = Act("load", "correction", (0,), removes_um=200)
