@@ -6,9 +6,8 @@ backlash and time-dependent effects, the calibration, and the unexplained error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -121,26 +120,7 @@ class CalibratedArm:
         axes stay as near to it as the pose allows. Arms of fewer than six axes reach the position with the closest
         possible orientation. Raises FileError for invalid frames.
         """
-        poses = _numbers(T, "T")
-        poses = poses[None] if poses.shape == (4, 4) else poses
-        if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
-            raise FileError(
-                "T",
-                f"must be finite frames (n, 4, 4), but has the shape {poses.shape}",
-                "give one frame per pose",
-                code="api.shape",
-            )
-        R = poses[:, :3, :3]
-        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
-        last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
-        if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or last_row_off > 0:
-            problem = "contains a frame that is not orthonormal and right-handed"
-            raise FileError(
-                "T",
-                problem,
-                "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1",
-                code="api.frame",
-            )
+        poses = _frames(T, "T")
         middle = arm_of(self.rig.robot).limits.mean(axis=1)
         of_rig = middle if self.rig.robot.posture_deg is None else np.radians(self.rig.robot.posture_deg)
         start = of_rig if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
@@ -151,13 +131,19 @@ class CalibratedArm:
                 f"give {self._axes} angles",
                 code="api.shape",
             )
-        q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
-        near = np.empty((len(poses), self._axes))
+        return self._inverse(poses, start)
+
+    def _inverse(self, poses: Array, start: Array) -> ArmAngles:
+        """start: posture (axes,) rad near the first pose, each other pose near the previous one; or (n, axes) near
+        each."""
+        near = np.broadcast_to(start, (len(poses), self._axes)).copy()
+        q, reached = np.full(near.shape, np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
-            near[row] = start
-            if (angles := solved(pose, start)) is not None:
-                q[row], reached[row], start = angles, True, angles
+            if (angles := solved(pose, near[row])) is not None:
+                q[row], reached[row] = angles, True
+                if start.ndim == 1:
+                    near[row + 1 :] = angles
         u_mm, inside = np.full((2, len(poses)), np.nan), covered(self._pose_uncertainty, q)
         u_mm[:, reached] = self._u_mm(q[reached])
         turned = np.full(len(poses), np.nan)
@@ -180,7 +166,8 @@ class CalibratedArm:
         if why := why_nothing(self.rig):
             raise FileError(self.rig.name, why, "measure what `acts` of the diagnosis ask for", code="calibration.none")
         given = _numbers(targets, "targets")
-        if given.shape[-2:] == (4, 4):
+        # Four targets of an arm with four axes have the shape of a frame.
+        if given.shape[-2:] == (4, 4) and (self._axes != 4 or given.ndim == 3 or (given[3] == [0, 0, 0, 1]).all()):
             return self._correct_poses(given, near)
         if near is not None:
             problem = "is for tool poses, and the targets are joint angles"
@@ -199,16 +186,11 @@ class CalibratedArm:
         postures = None if near is None else _numbers(near, "near")
         if postures is None or postures.ndim == 1:
             return self.inverse(T, postures)
-        if postures.shape != (len(T), self._axes):
+        poses = _frames(T, "targets")
+        if postures.shape != (len(poses), self._axes) or not np.isfinite(postures).all():
             problem = f"must have a row of {self._axes} angles per pose, but has the shape {postures.shape}"
             raise FileError("near", problem, "give one posture, or one per pose", code="api.shape")
-        each = [self.inverse(pose, posture) for pose, posture in zip(T, postures, strict=True)]
-        parts: dict[str, Any] = {name.name: [getattr(one, name.name) for one in each] for name in fields(ArmAngles)}
-        joined: dict[str, Any] = {
-            name: None if any(part is None for part in values) else np.concatenate(values)
-            for name, values in parts.items()
-        }
-        return ArmAngles(**joined)
+        return self._inverse(poses, np.radians(postures))
 
     @property
     def _is_measured(self) -> bool:
@@ -285,6 +267,23 @@ class CalibratedArm:
     def _allowed(self, q: Array) -> bool:
         limits = self._model.arm.limits
         return bool(((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all())
+
+
+def _frames(values: Array, name: str) -> Array:
+    """Poses (n, 4, 4) of a user. Raises FileError for others."""
+    poses = _numbers(values, name)
+    poses = poses[None] if poses.shape == (4, 4) else poses
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
+        problem = f"must be finite frames (n, 4, 4), but has the shape {poses.shape}"
+        raise FileError(name, problem, "give one frame per pose", code="api.shape")
+    R = poses[:, :3, :3]
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
+    last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
+    if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or last_row_off > 0:
+        problem = "contains a frame that is not orthonormal and right-handed"
+        remedy = f"give {name}[:, :3, :3] as rotations, {name}[:, :3, 3] in mm and {name}[:, 3] as 0 0 0 1"
+        raise FileError(name, problem, remedy, code="api.frame")
+    return poses
 
 
 def _numbers(values: Array, name: str) -> Array:

@@ -6,10 +6,14 @@ import pytest
 
 import analysis
 from analysis.correction.diagnosed import Diagnosis
+from rigs.effects import JointOffset
 from rigs.load import load
+from rigs.schema.robot import identity
+from tests.support.changed_rigs import with_robot
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.refusals import refused
+from tests.worlds.arms.faulty_arm import found as found_by
 
 RIG = "paper-fanuc"
 Q_DEG = np.array([[-2.8, 35.8, 7.6, 171.0, 136.6, -5.7], [5.0, 30.0, 10.0, 160.0, 120.0, 10.0]])
@@ -35,6 +39,25 @@ def test_poses_and_joints_of_the_same_targets_have_the_same_correction(found):
     arm = found.calibrated_arm()
     T = analysis.calibrated_arm(RIG).forward(Q_DEG).T
     np.testing.assert_allclose(arm.correct(T, near=Q_DEG).q_deg, arm.correct(Q_DEG).q_deg, atol=1e-6)
+
+
+def test_poses_near_their_own_postures_have_the_uncertainty_of_a_common_frame(found):
+    arm = found.calibrated_arm()
+    q_deg = np.array([0, 0, 0, 0, -30, 0]) + np.random.default_rng(0).uniform(-2, 2, (14, 6))
+    T = analysis.calibrated_arm(RIG).forward(q_deg).T
+    by_pose, by_joints = arm.correct(T, near=q_deg), arm.correct(q_deg)
+    np.testing.assert_allclose(by_pose.u_frame_mm, by_joints.u_frame_mm, rtol=1e-5)
+    assert by_pose.covered.all()
+    np.testing.assert_allclose(by_pose.near_deg, q_deg, atol=1e-12)
+
+
+def test_four_targets_of_an_arm_with_four_axes_are_joint_angles():
+    rig = load("so-101")[0]
+    rig = with_robot(rig, axes=rig.robot.axes[:4], coupling=identity(4))
+    zero = JointOffset(axis=2, offset_deg=0.1, found=found_by(offset_deg=0.01))
+    arm = analysis.calibrated_arm(rig.model_copy(update={"effects": (zero,)}))
+    corrected = arm.correct(np.tile([10.0, 20, 30, 10], (4, 1))).q_deg
+    np.testing.assert_allclose(corrected, np.tile([10.0, 19.9, 30, 10], (4, 1)), atol=1e-6)
 
 
 def test_what_would_change_nothing_is_refused(found, tmp_path):
