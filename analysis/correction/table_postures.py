@@ -17,7 +17,7 @@ from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty
 from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER
 from analysis.correction.support import Support
 from analysis.correction.work import spread_angles, tool_places, used_effects
-from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, controller_arm, forward
+from analysis.robot.kinematics.arm import Arm, Array, Integers, controller_arm, forward
 from analysis.robot.kinematics.inverse import NO_BRANCH, branch_of, inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import conditioning
@@ -119,37 +119,38 @@ def find_postures(rig: Rig, poses: Array, stated: StatedPosture | None = None) -
     From a posture at the start, each target is reached in the closest solution, as long as that is unambiguous.
     """
     arm = controller_arm(rig.robot)
-    q, skipped, several = np.full((len(poses), 6), np.nan), list[NotCorrected](), dict[int, Array]()
+    q = np.full((len(poses), 6), np.nan)
     if rig.controller == "unknown":
         why = POSE_OF_UNKNOWN_CONTROLLER
         unsolved = tuple(NotCorrected(k, "controller_unknown", why) for k in range(len(poses)))
         return TablePostures(q, unsolved, stated)
+    skipped, several = list[NotCorrected](), dict[int, Array]()
+    is_configuration = stated is not None and stated.source != "--start-joints"
     near = _posture_of_tests(rig, arm) if stated is None else stated.q
-    stands = near if stated else None
-    configuration = NO_BRANCH  # also if the arm has no closed form
-    if stated and stated.source != "--start-joints":
-        configuration = int(branch_of(arm, forward(arm, near[None]), near[None])[0])
+    configuration = _configuration(arm, near) if is_configuration else NO_BRANCH
+    stands = None if stated is None else near
     for k, solutions in enumerate(solutions_within_limits(arm, poses)):
         if isinstance(solutions, str):
             skipped.append(NotCorrected(k, solutions, _WHY_NOT[solutions]))
             continue
-        allowed = solutions
-        if configuration != NO_BRANCH:
-            numbers, first = np.unique(solutions.branch, return_index=True)
-            of_each = branch_of(arm, np.repeat(poses[k : k + 1], len(first), axis=0), solutions.q[first])
-            allowed = solutions.of(np.isin(solutions.branch, numbers[of_each == configuration]))
+        allowed = solutions.in_configuration(arm, poses[k], configuration)
         if not len(allowed.q):
             skipped.append(NotCorrected(k, "unreachable", "cannot be reached in the stated posture"))
             continue
         postures = allowed.postures(near)
         closest = closest_solution(allowed.q, stands) if stands is not None and len(postures) > 1 else None
+        q[k] = postures[0] if closest is None else closest
         if closest is None and len(postures) > 1:
             several[k] = postures
-        q[k] = postures[0] if closest is None else closest
-        if stated is None or stated.source == "--start-joints":
+        if not is_configuration:
             near = q[k]
             stands = None if stated is None or k in several else near
     return TablePostures(q, tuple(skipped), stated, several)
+
+
+def _configuration(arm: Arm, q: Array) -> int:
+    """Configuration of a posture q (6,) rad; `NO_BRANCH` if the arm has no closed form."""
+    return int(branch_of(arm, forward(arm, q[None]), q[None])[0])
 
 
 Unreached = Literal["unreachable", "beyond_limits"]
@@ -175,7 +176,13 @@ class PoseSolutions:
     branch: Integers
     """Number (m,) of the posture: equal for solutions that differ by full turns only."""
 
-    def of(self, rows: Mask) -> PoseSolutions:
+    def in_configuration(self, arm: Arm, pose: Array, configuration: int) -> PoseSolutions:
+        """Those of a pose (4, 4) in a configuration; all if it is `NO_BRANCH`."""
+        if configuration == NO_BRANCH:
+            return self
+        numbers, first = np.unique(self.branch, return_index=True)
+        of_each = branch_of(arm, np.repeat(pose[None], len(first), axis=0), self.q[first])
+        rows = np.isin(self.branch, numbers[of_each == configuration])
         return PoseSolutions(self.q[rows], self.branch[rows])
 
     def postures(self, near: Array) -> Array:

@@ -31,7 +31,7 @@ ARMS = ("ur10e", "paper-fanuc")
 
 @dataclass(frozen=True)
 class Table:
-    """Poses that a real arm reaches in one posture."""
+    """A table of poses, and the real arm with hidden errors that drives to them in one posture."""
 
     rig: Rig
     wrong: Wrong
