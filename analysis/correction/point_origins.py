@@ -11,10 +11,11 @@ the readings at which the tool is right now. The number of a pose is the pose th
 from __future__ import annotations
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -79,85 +80,83 @@ class NewPoints:
         )  # fmt: skip
 
 
-class PointOrigin(Protocol):
+@dataclass(frozen=True)
+class PointOrigin(ABC):
     """Origin of points, with the changes since then."""
 
+    is_unchanged: ClassVar[bool] = False
+    """True if the numbers are right as they are."""
+    is_exact: ClassVar[bool] = False
+    """True if the new numbers do not depend on the model of the real arm. Then they need no proof that the error falls,
+    and may differ from the old ones by any amount."""
+
+    then: Rig
+    """Rig whose controller placed the points."""
+
     @property
-    def kind(self) -> PointKind: ...
+    def kind(self) -> PointKind:
+        return "taught"
+
     @property
     def since(self) -> str:
-        """Changes since the points were taught, in words; empty if there are none."""
-
-    @property
-    def is_unchanged(self) -> bool:
-        """True if the numbers are right as they are."""
-
-    @property
-    def is_exact(self) -> bool:
-        """True if the tool keeps its place, so that no gain has to be judged and no size is implausible."""
-
-    @property
-    def then(self) -> Rig:
-        """Rig whose controller placed the points."""
-
-    @property
-    def arm(self) -> Arm:
-        """Arm in the controller that executes the new numbers."""
+        """File that states the changes since the points were taught; empty without changes."""
+        return ""
 
     @property
     def digest(self) -> str:
         """Eight digits that identify the change since the points were taught; empty without a change."""
+        return ""
 
+    @cached_property
+    def arm(self) -> Arm:
+        """Arm in the controller that executes the new numbers."""
+        return controller_arm(self.then.robot)
+
+    @abstractmethod
     def renew(self, q: Array, wanted: Array, unsolved: Sequence[NotCorrected] = ()) -> NewPoints:
         """New numbers of points with readings q (n, 6) rad, which mean the poses `wanted` (n, 4, 4) if computed."""
 
+    @abstractmethod
     def readings(self, q: Array) -> tuple[Array, Mask]:
         """Readings (n, 6) rad at which the tool is right where the controller placed q, and the mask of solutions."""
 
 
 @dataclass(frozen=True)
-class ComputedPoints:
+class ComputedPoints(PointOrigin):
     """Points that state where the tool shall be: the real arm is brought there."""
 
-    now: Rig
     supported: tuple[Support, ...]
-    kind: PointKind = "computed"
-    since: str = ""
-    digest: str = ""
-    is_unchanged: bool = False
-    is_exact: bool = False
 
     @property
-    def then(self) -> Rig:
-        return self.now
-
-    @cached_property
-    def arm(self) -> Arm:
-        return controller_arm(self.now.robot)
+    def kind(self) -> PointKind:
+        return "computed"
 
     def renew(self, q: Array, wanted: Array, unsolved: Sequence[NotCorrected] = ()) -> NewPoints:
-        return NewPoints.of(corrected(self.now, self.supported, q, unsolved, wanted), self.arm)
+        return NewPoints.of(corrected(self.then, self.supported, q, unsolved, wanted), self.arm)
 
     def readings(self, q: Array) -> tuple[Array, Mask]:
-        model = real_model(self.now, used_effects(self.now, self.supported))
+        model = real_model(self.then, used_effects(self.then, self.supported))
         return reached_angles(model, forward(self.arm, q), q)
 
 
 @dataclass(frozen=True)
-class UnchangedPoints:
-    """Points that are right as they are: taught, without any change since, or computed with values at the controller
-    that correct them."""
+class UnchangedPoints(PointOrigin):
+    """Points that are right as they are: taught without any change since, or computed with values at the controller
+    that correct the arm."""
 
-    then: Rig
-    kind: PointKind = "taught"
-    since: str = ""
-    digest: str = ""
-    is_unchanged: bool = True
-    is_exact: bool = True
+    is_unchanged: ClassVar[bool] = True
+    is_exact: ClassVar[bool] = True
 
-    @cached_property
-    def arm(self) -> Arm:
-        return controller_arm(self.then.robot)
+    values: str = ""
+    """Name of the file with the values; empty for taught points."""
+
+    @property
+    def kind(self) -> PointKind:
+        return "computed" if self.values else "taught"
+
+    @property
+    def since(self) -> str:
+        return self.values
 
     def renew(self, q: Array, wanted: Array, unsolved: Sequence[NotCorrected] = ()) -> NewPoints:
         return _exact_points(q, forward(self.arm, q), (), np.zeros(len(q)))
@@ -167,18 +166,16 @@ class UnchangedPoints:
 
 
 @dataclass(frozen=True)
-class ConvertedPoints:
+class ConvertedPoints(PointOrigin):
     """Taught points after a known change of zeros or constants: the same posture has other readings.
 
     The model of the real arm is not used. If the constants of the controller are unknown, those of the rig file are
     accurate enough, because only differences matter.
     """
 
-    then: Rig
+    is_exact: ClassVar[bool] = True
+
     change: ReadingChange
-    kind: PointKind = "taught"
-    is_unchanged: bool = False
-    is_exact: bool = True
 
     @property
     def since(self) -> str:
@@ -244,16 +241,17 @@ def _exact_points(q: Array, T: Array, left: tuple[NotCorrected, ...], u_mm: Arra
 
 
 @dataclass(frozen=True)
-class ChangedArm:
+class ChangedArm(PointOrigin):
     """Taught points after a change of the arm, or of another arm: corrected by the difference of two calibrations."""
 
-    then: Rig
     now: Rig
-    since: str
+    calibration: str
+    """Name of the rig file of the arm as it was."""
     is_another_arm: bool = False
-    kind: PointKind = "taught"
-    is_unchanged: bool = False
-    is_exact: bool = False
+
+    @property
+    def since(self) -> str:
+        return self.calibration
 
     @property
     def digest(self) -> str:
@@ -342,4 +340,4 @@ def merged(parts: Sequence[tuple[Mask, NewPoints]]) -> NewPoints:
     left = tuple(
         sorted((one for mask, points in parts for one in points.left if mask[one.place]), key=lambda x: x.place)
     )
-    return NewPoints(q, T, done, tuple(left), u_mm, u_frame_mm, tuple(unknown), errors)
+    return NewPoints(q, T, done, left, u_mm, u_frame_mm, tuple(unknown), errors)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.correct.postures import agreeing
-from analysis.apps.correct.shared_corrections import SharedCorrection, shared_corrections
+from analysis.apps.correct.shared_corrections import SharedCorrection, SharedCorrections, shared_corrections
 from analysis.apps.correct.solved_program import SolvedProgram, solve_program
 from analysis.apps.correct.stated_frames import NO_FRAMES, Frames
 from analysis.apps.correct.stated_points import StatedPoints
@@ -164,8 +164,8 @@ def correct_program(
     """
     program = solve_program(points.then, path, frames, scale, start, points.is_taught)
     texts, parsed, targets = program.texts, program.parsed, program.targets
-    done = _renewed(program, points)
-    moved_mm = np.linalg.norm(done.T[:, :3, 3] - program.nominal[:, :3, 3], axis=1)
+    done = _new_points(program, points)
+    moved_mm = _moved_mm(program, done)
     flags = _flags_after(program, points, done)
     reasons = _refused(program, points, done, flags, moved_mm)
     shared = shared_corrections(program, done, reasons, lambda k: _origin(program, points, k))
@@ -173,23 +173,12 @@ def correct_program(
     own = [k for k, target in enumerate(targets) if target.of is None and target.file < texts.own]
     right = {k for k in own if _origin(program, points, k).is_unchanged}
     kept = [k for k in own if k not in reasons and k not in right]
+    left = _uncorrected(program, points, {k: reasons[k] for k in own if k in reasons and k not in right}, shared)
     new = _new_texts(program, done, flags, kept)
     after = _read_back(program, new)
-    left = [
-        UncorrectedTarget(target.file, target.line, target.name, why, shared.refused.get(k, ())[1:])
-        for k, why in reasons.items()
-        if (target := targets[k]).of is None and target.file < texts.own and k not in right
-    ]
-    unread = [one for one in parsed.left if not points.is_right(texts.names[one.file], one.line, one.name)]
-    left = sorted([*unread, *left], key=lambda target: (target.file, target.line))
-    fact = (
-        "joint targets are taken as computed with the data sheet; targets that were computed with the controller's own "
-        "constants should stay as they are"
-    )
-    offline = [Notice(targets[k].file, targets[k].line, fact) for k in kept if k in program.offline]
-    files = dict(zip(texts.names, map(as_bytes, new), strict=False))
-    changed = frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text)
     rounded_um = {k: _off_um(program, points, k, after.targets[k], done.T[k]) for k in kept}
+    changed = frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text)
+    files = dict(zip(texts.names, map(as_bytes, new), strict=False))
     return CorrectedProgram(
         path=path,
         maker=program.maker.name,
@@ -202,27 +191,19 @@ def correct_program(
         unknown=tuple(done.unknown[k] for k in kept),
         groups=_groups(program, points, done, moved_mm, rounded_um, right),
         rounded_um=np.array([*rounded_um.values()]),
-        left=tuple(left),
+        left=left,
         beside_left_mm=moved_mm[_beside_left(parsed, set(kept), right)],
         sources=(*texts.names, *texts.unread),
-        overruled=tuple(
-            named
-            for named in parsed.sets
-            if (stated := frames.stated(named.kind, named.name)) is not None
-            and not np.allclose(stated.ravel(), named.value, atol=1e-6)
-        ),
+        overruled=_overruled(parsed, frames),
         given_away_mm=shared.kept_mm[kept],
         shared=shared.of(kept),
         changed=changed,
-        notices=(*parsed.notices, *offline[:1], *_unread(texts)),
+        notices=(*parsed.notices, *_offline(program, kept), *_unread(texts)),
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
         neutral=texts.neutral,
-        points=(
-            *((texts.names[targets[k].file], targets[k].line, targets[k].name) for k in own),
-            *((texts.names[one.file], one.line, one.name) for one in parsed.left),
-        ),
+        points=(*(_called(texts, targets[k]) for k in own), *(_called(texts, one) for one in parsed.left)),
     )
 
 
@@ -230,7 +211,7 @@ def _origin(program: SolvedProgram, points: StatedPoints, k: int) -> PointOrigin
     return points.of_kind("taught" if program.taught[k] else "computed")
 
 
-def _renewed(program: SolvedProgram, points: StatedPoints) -> NewPoints:
+def _new_points(program: SolvedProgram, points: StatedPoints) -> NewPoints:
     """New numbers of all targets, each by its origin."""
     parts = []
     for kind, mask in program.kinds:
@@ -239,6 +220,48 @@ def _renewed(program: SolvedProgram, points: StatedPoints) -> NewPoints:
             unsolved = [NotCorrected(k, why, "") for k, why in reasons.items()]
             parts.append((mask, points.of_kind(kind).renew(program.q, program.wanted, unsolved)))
     return merged(parts) if parts else points.origin.renew(program.q, program.wanted)
+
+
+def _moved_mm(program: SolvedProgram, done: NewPoints) -> Array:
+    """Distance (n,) between the poses that the old and the new numbers state. The angles of a joint target state them
+    with the old constants of the controller: new constants do not change its numbers."""
+    joints = np.array([target.joints for target in program.targets], dtype=bool)
+    places = np.where(joints[:, None], forward(program.arm, done.q)[:, :3, 3], done.T[:, :3, 3])
+    return np.asarray(np.linalg.norm(places - program.nominal[:, :3, 3], axis=1))
+
+
+def _uncorrected(
+    program: SolvedProgram, points: StatedPoints, reasons: Mapping[int, Reason], shared: SharedCorrections
+) -> tuple[UncorrectedTarget, ...]:
+    """Targets with reasons to stay uncorrected, and points that are no targets, in the order of the text."""
+    others = [one for one in program.parsed.left if not points.is_right(*_called(program.texts, one))]
+    for k, why in reasons.items():
+        target = program.targets[k]
+        others.append(UncorrectedTarget(target.file, target.line, target.name, why, shared.refused.get(k, ())[1:]))
+    return tuple(sorted(others, key=lambda one: (one.file, one.line)))
+
+
+def _called(texts: ProgramTexts, point: Target | UncorrectedTarget) -> tuple[str, int, str]:
+    """File, line and name of a point."""
+    return texts.names[point.file], point.line, point.name
+
+
+def _overruled(parsed: Parsed, frames: Frames) -> tuple[NamedFrame, ...]:
+    return tuple(
+        named
+        for named in parsed.sets
+        if (stated := frames.stated(named.kind, named.name)) is not None
+        and not np.allclose(stated.ravel(), named.value, atol=1e-6)
+    )
+
+
+def _offline(program: SolvedProgram, kept: Sequence[int]) -> list[Notice]:
+    fact = (
+        "joint targets are taken as computed with the data sheet; targets that were computed with the controller's own "
+        "constants should stay as they are"
+    )
+    first = next((program.targets[k] for k in kept if k in program.offline), None)
+    return [Notice(first.file, first.line, fact)] if first else []
 
 
 def _groups(

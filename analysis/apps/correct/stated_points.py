@@ -144,7 +144,7 @@ def points_of(
     taught = taught_origin(rig, since)
     right: PointOrigin = ComputedPoints(rig, tuple(supports(rig)))
     if isinstance(taught, ConvertedPoints):  # the values correct computed points; new numbers would correct twice
-        right = UnchangedPoints(rig, "computed", taught.since)
+        right = UnchangedPoints(rig, taught.since)
     stated = StatedPoints(*((right, taught) if kind == "computed" else (taught, right)), exceptions[kind])
     if len({controller_robot(origin.then.robot).axes for origin in stated.stated}) > 1:
         problem = f"states a controller with other constants than {rig.name}, so both kinds of points need a call each"

@@ -1,8 +1,7 @@
 """Programs taught by hand on arms with hidden errors, and the places where the real tool then is.
 
 A hand jogs the arm until the real tool is within 20 µm of the part, and the pendant stores what its controller shows.
-An
-independent interpreter drives the program; the real arm and the controller are independent of rig.
+An independent interpreter drives the program; the real arm and the controller are independent of rig.
 """
 
 from __future__ import annotations

@@ -166,6 +166,16 @@ def test_written_values_are_read_as_they_were_computed(maker, tmp_path):
     np.testing.assert_allclose(new.T[done], entered.T[done], atol=1e-5)
 
 
+def test_new_constants_do_not_change_joint_targets(cell):
+    """The controller drives to the same joint angles, so the tool stays without a conversion."""
+    values = {"link_constants": [{"axis": 3, "key": "a_mm", "nominal": 0.0, "corrected": 0.8}]}
+    cell.with_name("values.yaml").write_text(yaml.safe_dump(values))
+    done = json_of(*command(cell, "--points", "taught", "--since", cell.with_name("values.yaml")))
+    (points,) = done["programs"][0]["points"]
+    assert points["treatment"] == "converted" and points["numbers_moved_mm"] == {"largest": 0.0, "rms": 0.0}
+    assert (cell.with_name("out") / "pick.dat").read_text() == DATA
+
+
 def test_calibration_of_another_type_of_arm_is_refused(cell):
     rig, other = load(cell)[0], cell.with_name("other.yaml")
     other.write_text(extended(load("paper-fanuc")[1], list(EFFECTS), "other"))
