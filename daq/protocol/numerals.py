@@ -14,8 +14,9 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import median
 
-from daq.protocol.conversation import Fault, FaultKind
+from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.protocol.framing import Message
 from rigs.schema.part import LONGEST_MM
 from rigs.schema.probe import Probe
@@ -28,6 +29,10 @@ _REACH = 3
 
 Of 20 normal steps it is about 1.5 sigma, so a false refusal, which costs two readings, occurs once in 100 000.
 """
+_SCATTER = 10
+"""Distance from the mean of two neighbours that is scatter, as a multiple of the recent median: 7 sigma."""
+_CONFIRMED_WITHIN_NS = 1_000_000_000
+"""Longest time for which a reading is held back: later, a run could have begun in between."""
 _RECENT_FIRST = 6
 """First readings that are compared with each other."""
 _FILLED = re.compile(rb"[+-]? *0\d|.? \s*\d|[+-] ")
@@ -43,7 +48,7 @@ class PrintedNumber:
     fields: int = 1
     """Count of numbers in the message if their order identifies the gauges."""
     omits_plus: bool = False
-    """True if the number could be a negative one that lost its sign."""
+    """True if the number could be a negative one that lost its sign. It is then the only one in the message."""
 
     @property
     def decimals(self) -> int:
@@ -68,6 +73,16 @@ class PrintedNumber:
                 yield sign * self.mm * float(f"{whole[:place]}{digit}{whole[place:]}.{decimals}")
 
 
+@dataclass(frozen=True, slots=True)
+class _HeldReading:
+    number: PrintedNumber
+    message: Message
+    requested_ns: int
+
+    def sample(self) -> Sample:
+        return self.message.sample([self.number.value_mm], requested_ns=self.requested_ns)
+
+
 class NumberFormat:
     """Format in which a gauge prints its numbers: decimals, numbers in a message, and characters."""
 
@@ -83,41 +98,73 @@ class NumberFormat:
         self._far = 0
         """Replies in a row that are far from the last reading."""
         self._steps_mm: deque[float] = deque(maxlen=_RECENT)
+        """Recent differences of successive readings, with sign."""
+        self._held: _HeldReading | None = None
+        """First number without a minus near zero, until the next reading confirms it or not."""
         self._first: list[PrintedNumber] = []
         """First readings, until their format is certain."""
         self._is_doubted = False
 
-    def check(self, number: PrintedNumber, message: Message) -> tuple[bool, Fault | None]:
-        """Whether the number is a reading, and the fault to report.
+    def check(self, number: PrintedNumber, message: Message, requested_ns: int) -> tuple[bool, list[Sample | Fault]]:
+        """Whether the number is a reading, with faults and a confirmed earlier reading.
 
         A number that a lost character explains is accepted near the last reading, or if three replies in a row are
-        alike. Near zero, the first number without a minus is not recorded, without a fault. Other decimals are
+        alike. Near zero, the first number without a minus is held back until the next reading. Other decimals are
         accepted only while fewer than three readings had the first ones.
         """
-        usual, latest, fault = self._usual, self._latest, None
+        usual, latest = self._usual, self._latest
+        items: list[Sample | Fault] = []
         self._repeated = self._repeated + 1 if latest and number.form == latest.form else 1
         self._latest = number
         if usual is not None and number.form[:2] != usual.form[:2]:
             if self._readings >= _LASTING or self._repeated <= self._readings:
-                return False, self._misprint(number, usual, message)
+                return False, [self._misprint(number, usual, message)]
             detail = f"all later replies have {_in_words(number)} instead of {_in_words(usual)}"
-            fault = message.fault(FaultKind.DOUBTFUL, f"{_may_be_damaged(self._readings)}: {detail}", self._readings)
+            items.append(
+                message.fault(FaultKind.DOUBTFUL, f"{_may_be_damaged(self._readings)}: {detail}", self._readings)
+            )
             self._readings, self._first, self._is_filled = 0, [], False
             self._steps_mm.clear()
         elif usual is not None and self._is_far(number, usual):
             self._far = min(self._far + 1, self._repeated)
             if self._far < _LASTING:
-                return False, self._misprint(number, usual, message)
+                return False, [self._misprint(number, usual, message)]
             self._is_filled = False
-        elif usual is not None and self._may_lack_minus(number, usual, latest):
-            return False, None
-        if usual is not None:
-            self._steps_mm.append(abs(number.value_mm - usual.value_mm))
+        elif usual is not None and self._held is None and self._may_lack_minus(number, usual):
+            self._held = _HeldReading(number, message, requested_ns)
+            return False, []
+        if self._held and usual is not None:
+            items.append(self._judge(self._held, usual, number, message))
+            self._held = None
         self._far = 0
-        self._readings += 1
         self._is_filled |= number.is_filled
+        self._accept(number)
+        doubt = None if items else self._doubt_of_first(number, message)
+        return True, [*items, doubt] if doubt else items
+
+    def _accept(self, number: PrintedNumber) -> None:
+        if self._usual is not None:
+            self._steps_mm.append(number.value_mm - self._usual.value_mm)
+        self._readings += 1
         self._usual = number
-        return True, fault or self._doubt_of_first(number, message)
+
+    def _judge(
+        self, held: _HeldReading, usual: PrintedNumber, number: PrintedNumber, message: Message
+    ) -> Sample | Fault:
+        """Sample of a reading that was held back, or the fault of its omission.
+
+        With its sign it must be nearer to the mean of its neighbours than with a minus, or no further than usual.
+        """
+        mean_mm = (usual.value_mm + number.value_mm) / 2
+        usual_mm = [abs(later - earlier) / 2 for earlier, later in pairwise(self._steps_mm)]
+        reach_mm = _SCATTER * max(self._last_digit_mm(number), median(usual_mm or [0]))
+        is_likely = mean_mm > 0 or held.number.value_mm - mean_mm <= reach_mm
+        if is_likely and message.last_byte_ns - held.message.last_byte_ns <= _CONFIRMED_WITHIN_NS:
+            self._accept(held.number)
+            return held.sample()
+        text = repr(held.number.text[:40])[1:]
+        detail = f"{text} between {usual.value_mm:g} and {number.value_mm:g} mm may have lost its minus"
+        return held.message.fault(FaultKind.MISSHAPEN, f"{detail}: check the cable, or zero the gauge further away")
 
     def _is_far(self, number: PrintedNumber, usual: PrintedNumber) -> bool:
         """True if the number cannot follow the last reading, and a lost character explains it."""
@@ -129,14 +176,14 @@ class NumberFormat:
             return False
         return is_longer or any(abs(mm - usual.value_mm) <= reach_mm for mm in number.with_lost_character())
 
-    def _may_lack_minus(self, number: PrintedNumber, usual: PrintedNumber, latest: PrintedNumber | None) -> bool:
-        """True for the first number without a minus near zero, where both signs are possible: it is not recorded."""
-        is_first = number.omits_plus and not usual.omits_plus and latest is usual
+    def _may_lack_minus(self, number: PrintedNumber, usual: PrintedNumber) -> bool:
+        """True for the first number without a minus near zero, where both signs are possible."""
+        is_first = number.omits_plus and not usual.omits_plus
         return is_first and abs(number.value_mm) > _REACH * self._last_digit_mm(number)
 
     def _reach_mm(self, number: PrintedNumber) -> float:
-        steps_mm = sorted(self._steps_mm)[:-1]
-        return _REACH * max(self._last_digit_mm(number), *steps_mm[-1:], 0)
+        steps_mm = sorted(map(abs, self._steps_mm))
+        return _REACH * max(self._last_digit_mm(number), *steps_mm[-2:-1], 0)
 
     @staticmethod
     def _last_digit_mm(number: PrintedNumber) -> float:

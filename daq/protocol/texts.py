@@ -11,7 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from daq.protocol.conversation import Conversation, ConversationStep, Fault, FaultKind, Host, Item, Sample
+from daq.protocol.conversation import (
+    NO_TIME,
+    Conversation,
+    ConversationStep,
+    Fault,
+    FaultKind,
+    Host,
+    Item,
+    Sample,
+)
 from daq.protocol.framing import DelimitedLines, Framer, Message
 from daq.protocol.numerals import NumberFormat, PrintedNumber, refusal
 from daq.protocol.polled import Polled, Reply, Then
@@ -36,7 +45,7 @@ class Trouble:
 
 
 _WITHHELD = Trouble("", then=Then.ASK)
-"""A number that is possibly wrong by its nature: neither a reading nor a fault."""
+"""A number that the next reply decides: for the moment neither a reading nor a fault."""
 Reading = float | PrintedNumber | Trouble
 """Reading in mm, a reading with its text, or the reason for its absence."""
 
@@ -90,19 +99,25 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
 
 
 def check_formats(
-    readings: Sequence[Reading], formats: Sequence[NumberFormat], message: Message
-) -> tuple[list[Reading], tuple[Fault, ...]]:
-    """Check the number of each gauge against the format. Returns the readings and additional faults."""
-    checked, doubts = list(readings), list[Fault]()
+    readings: Sequence[Reading], formats: Sequence[NumberFormat], message: Message, requested_ns: int = NO_TIME
+) -> tuple[list[Reading], tuple[Item, ...]]:
+    """Check the number of each gauge against the format.
+
+    Returns the readings, and the items before them: additional faults, and an earlier reading that is now confirmed.
+    """
+    checked, before = list(readings), list[Item]()
     for place, (reading, known) in enumerate(zip(readings, formats, strict=True)):
-        good, fault = known.check(reading, message) if isinstance(reading, PrintedNumber) else (True, None)
-        if fault and good:
-            doubts.append(fault)
-        elif fault:
-            checked[place] = Trouble(fault.detail, fault.kind, Then.ASK, fault.count)  # the message was complete
-        elif not good:
-            checked[place] = _WITHHELD
-    return checked, tuple(doubts)
+        if not isinstance(reading, PrintedNumber):
+            continue
+        is_good, items = known.check(reading, message, requested_ns)
+        if is_good:
+            before += items
+            continue
+        checked[place] = _WITHHELD
+        for item in items:
+            if isinstance(item, Fault):
+                checked[place] = Trouble(item.detail, item.kind, Then.ASK, item.count)  # the message was complete
+    return checked, tuple(before)
 
 
 class TextDialect(Generic[ProbeT]):
@@ -134,10 +149,10 @@ class TextDialect(Generic[ProbeT]):
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         read = [self._read(message.data, gauge) for gauge in self._gauges]
-        readings, doubts = check_formats(read, self.formats, message)
+        readings, before = check_formats(read, self.formats, message, requested_ns)
         items = items_of(message, requested_ns, readings)
         if not items or isinstance(items[0], Sample):
-            return Reply((*items, *doubts))
+            return Reply((*before, *items))
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
         return Reply(items, next(then for then in (Then.DRAIN, Then.PAUSE, Then.ASK) if then in thens))
 
