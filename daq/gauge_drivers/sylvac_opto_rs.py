@@ -98,9 +98,11 @@ class _Continuous(streamed.StreamedDialect):
         return b"OUT1\r"
 
     def read(self, message: Message) -> streamed.Reaction:
-        readings, before = check_formats([_read(message.data, self._gauge)], self.formats, message)
+        readings, earlier, doubts = check_formats([_read(message.data, self._gauge)], self.formats, message)
         items = items_of(message, NO_TIME, readings)
-        return streamed.Reaction((*before, *items), send=self.start() if message.data.startswith(b"SY") else b"")
+        return streamed.Reaction(
+            (*earlier, *items, *doubts), send=self.start() if message.data.startswith(b"SY") else b""
+        )
 
     def silent(self) -> streamed.Reaction:
         return streamed.Reaction(send=self.start())

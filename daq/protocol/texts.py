@@ -100,24 +100,25 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
 
 def check_formats(
     readings: Sequence[Reading], formats: Sequence[NumberFormat], message: Message, requested_ns: int = NO_TIME
-) -> tuple[list[Reading], tuple[Item, ...]]:
+) -> tuple[list[Reading], list[Sample], list[Fault]]:
     """Check the number of each gauge against the format.
 
-    Returns the readings, and the items before them: additional faults, and an earlier reading that is now confirmed.
+    Returns the readings, earlier readings that are now confirmed, and additional faults.
     """
-    checked, before = list(readings), list[Item]()
+    checked, earlier, doubts = list(readings), list[Sample](), list[Fault]()
     for place, (reading, known) in enumerate(zip(readings, formats, strict=True)):
         if not isinstance(reading, PrintedNumber):
             continue
         is_good, items = known.check(reading, message, requested_ns)
         if is_good:
-            before += items
+            earlier += [item for item in items if isinstance(item, Sample)]
+            doubts += [item for item in items if isinstance(item, Fault)]
             continue
         checked[place] = _WITHHELD
         for item in items:
             if isinstance(item, Fault):
                 checked[place] = Trouble(item.detail, item.kind, Then.ASK, item.count)  # the message was complete
-    return checked, tuple(before)
+    return checked, earlier, doubts
 
 
 class TextDialect(Generic[ProbeT]):
@@ -149,10 +150,10 @@ class TextDialect(Generic[ProbeT]):
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         read = [self._read(message.data, gauge) for gauge in self._gauges]
-        readings, before = check_formats(read, self.formats, message, requested_ns)
+        readings, earlier, doubts = check_formats(read, self.formats, message, requested_ns)
         items = items_of(message, requested_ns, readings)
         if not items or isinstance(items[0], Sample):
-            return Reply((*before, *items))
+            return Reply((*earlier, *items, *doubts))
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
         return Reply(items, next(then for then in (Then.DRAIN, Then.PAUSE, Then.ASK) if then in thens))
 
