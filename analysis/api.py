@@ -56,9 +56,7 @@ def load_run(path: str | Path) -> Measured:
 
     path: the run directory.
 
-    Returns the run. `table` contains the readings: g_mm (n, k), in mm, of k gauges and q (n, 6), in rad, of the joints.
-    `rig` is the rig file at the time of measurement, and `doubts` are warnings as text. `to_table()` has the columns of
-    docs/tables.md, in degrees and mm.
+    Returns the run. In its `table`, g_mm (n, k) are the readings of k gauges in mm, and q (n, 6) the joints in rad.
 
     Raises FileError if the run is missing, still being recorded, not recovered after a crash, or damaged.
 
@@ -96,7 +94,7 @@ def read_table(
 
     Returns the run. Its `doubts` list suspicious units, gauges and certificates.
 
-    Raises FileError if the rig file or the table cannot be read; every bad row is listed with the line number.
+    Raises FileError if the rig file or the table cannot be read, with the line number of every bad row.
 
     Example:
 
@@ -192,9 +190,7 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
     run: result of `load_run`, `read_table` or `simulate`, or the path of a run directory.
     like: result of a run with at least two laps in the same cell. Its noise is used for a run of a single lap.
 
-    Returns the result. `figures` maps the names of docs/figures.md to values with u and unit. `curve` contains the
-    points over the circle angle or the targets, in degrees and mm. `reversals` are those of the joints, and `doubts`
-    are warnings as text.
+    Returns the result, with the figures of docs/figures.md.
 
     Raises FileError if the readings are not a measurement of the labelled test.
 
@@ -215,7 +211,7 @@ def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
 
     runs: runs or paths of run directories, of any tests, robots and cells.
 
-    Returns a result for each run, in the same order.
+    Returns the results in the order of the runs.
 
     Raises FileError as `evaluate` does.
 
@@ -239,10 +235,7 @@ def compare(
     rig: the model; the rig file of the first run if None.
     unseen: runs at a different place or radius, each compared with a separately fitted set-up.
 
-    Returns the comparison. `runs` contains for each run measured and simulated curves and figures, and the residuals of
-    every reading as `residuals_mm` (m, k). `poses` contains the residuals of runs without gauges, `setups` the fitted
-    set-ups, and `doubts` warnings as text. `disagreement` lists the places with large residuals and the joints that
-    reverse there, and the residual after adding each effect of the model.
+    Returns the comparison, with curves, figures and residuals of each run.
 
     Raises FileError if a run does not belong to the robot or circle of the model.
 
@@ -283,8 +276,7 @@ def calibrate(
     unseen: runs at a different place or radius for validation.
     progress: called with a short text at each step, which may take seconds.
 
-    Returns the diagnosis with the calibrated model in `calibrated`, the `effects` with sizes and standard
-    uncertainties, and the rms residual in µm before and after for each set of runs.
+    Returns the diagnosis, with the model in `calibrated`.
 
     Raises UseError for an unknown effect, FileError if a run belongs to a different robot or is given twice, or if the
     readings are too few.
@@ -315,17 +307,14 @@ def diagnose(
 ) -> Diagnosis:
     """Find the causes of disagreement between simulation and measurement: the effects missing in the model.
 
-    runs: at least one run, or paths of run directories, of the same robot.
-    rig: the initial model; the rig file of the first run if None.
-    hold_out: runs at the same places, used for validation only.
-    unseen: runs at a different place or radius for validation.
+    runs: as in `calibrate`.
+    rig: as in `calibrate`.
+    hold_out: as in `calibrate`.
+    unseen: as in `calibrate`.
+    progress: as in `calibrate`.
     tolerance_um: largest accepted rms error of the readings; the limits of the rig file if None.
-    progress: called with a short text at each step, which may take seconds.
 
-    Returns the diagnosis. `condition` and `accuracy` are the verdicts, `budget` lists the parts of the error, and
-    `effects` the causes with odds, sizes and alternatives. `train`, `held_out` and `unseen` contain the rms residual in
-    µm before and after for each set of runs. `calibrated` is the calibrated model, and `extended_rig` the rig with the
-    confirmed effects.
+    Returns the diagnosis, with causes, sizes and remedies.
 
     Raises FileError if a run belongs to a different robot or is given twice, or if the readings are too few.
 
@@ -347,10 +336,8 @@ def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
 
     rig: rig file next to its calibration, or name of a shipped rig or library arm.
 
-    Returns the arm. `forward(q_deg)` gives tool poses T (n, 4, 4), with lengths in mm, and the standard uncertainties
-    of the position: u_mm (n,) in the robot's base, and u_frame_mm (n,) in a frame taught with the robot. `inverse(T,
-    near_deg)` gives q_deg (n, axes), `reached` (n,) and the same uncertainties. The poses include all effects that
-    depend only on the posture. Backlash and time-dependent effects are included in the uncertainties.
+    Returns the arm. Its poses include all effects that depend only on the posture; its uncertainties also include
+    backlash and time-dependent effects.
 
     Raises FileError if the file cannot be read.
 

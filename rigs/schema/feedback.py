@@ -23,7 +23,7 @@ _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 
 
 class OPCUARobotics(Part):
-    """OPC UA for Robotics: a server with a MotionDeviceSystem in the DeviceSet, read only."""
+    """OPC UA for Robotics (OPC 40010-1): a server at `tcp://server:4840`, read only."""
 
     driver: ClassVar[str] = "daq.opc_ua.robotics"
     listens: ClassVar[bool] = False
@@ -53,7 +53,7 @@ class OPCUARobotics(Part):
     condition: bool = True
     """Read the condition of the robot: task, stops, drives, speed, load, motor temperatures."""
     timeout_s: float = Field(default=2.0, ge=0.1, le=60)
-    """Longest time between messages; after it the server counts as silent."""
+    """Longest time between messages; after it the robot counts as silent."""
 
     @field_validator("axes")
     @classmethod
@@ -74,7 +74,7 @@ JointName = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[\w./-
 
 
 class ROS2JointStates(Part):
-    """ROS 2: a topic of `sensor_msgs/msg/JointState` from a rosbridge server, subscribed only."""
+    """ROS 2: a topic of `sensor_msgs/msg/JointState` from a rosbridge server, usually `tcp://server:9090`."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -93,7 +93,7 @@ class ROS2JointStates(Part):
     joints: tuple[JointName, JointName, JointName, JointName, JointName, JointName]
     """Joint names of q1 … q6 in the messages, in any order. Other joints are ignored."""
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
-    """Longest time between messages; after it the topic counts as silent."""
+    """Longest time between messages; after it the robot counts as silent."""
 
     @field_validator("joints")
     @classmethod
@@ -146,7 +146,7 @@ class NoFeedback(_Feedback):
 
 
 class URRTDE(_Feedback):
-    """Universal Robots, Real-Time Data Exchange."""
+    """Universal Robots, Real-Time Data Exchange (RTDE), at `tcp://robot:30004`."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -227,7 +227,7 @@ class LineFeed(_Feedback):
 
 
 class KUKARSI(_Feedback):
-    """KUKA Robot Sensor Interface: the controller sends to `port`, an address of this computer."""
+    """KUKA Robot Sensor Interface (RSI): the controller sends to `port`, a `udp://` address of this computer."""
 
     listens: ClassVar[bool] = True
     origin: ClassVar[Origin] = Origin(
@@ -244,7 +244,7 @@ class KUKARSI(_Feedback):
     onlysend: bool = False
     """ONLYSEND of the Ethernet configuration: the controller neither expects nor receives answers."""
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
-    """Silence of a controller after which a restarted program with a new port is accepted."""
+    """Also the silence after which a restarted program, which is a new sender, is accepted."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
     """SENTYPE of the Ethernet configuration. The controller ignores answers with other names."""
     condition: dict[str, str] = Field(default_factory=dict)
@@ -264,7 +264,9 @@ class KUKARSI(_Feedback):
 
 
 class ABBEGM(_Feedback):
-    """ABB Externally Guided Motion, position stream: the controller sends to `port`, an address of this computer."""
+    """ABB Externally Guided Motion, position stream: the controller sends to `port`, a `udp://` address of this
+    computer, usually with the number 6510.
+    """
 
     listens: ClassVar[bool] = True
     origin: ClassVar[Origin] = Origin(
@@ -277,11 +279,11 @@ class ABBEGM(_Feedback):
     interface: Literal["abb_egm"]
     port: UDPPort
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
-    """Silence after which a new sender is accepted, as for KUKA."""
+    """Also the silence after which a restarted program, which is a new sender, is accepted."""
 
 
 class FANUCStreamMotion(_Feedback):
-    """FANUC Stream Motion, status only: `port` is the controller, which sends on request."""
+    """FANUC Stream Motion (J519), status only, on request: `port` is the controller, `udp://robot:60015`."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -304,7 +306,8 @@ class FANUCStreamMotion(_Feedback):
 
 
 class LinuxCNC(_Feedback):
-    """LinuxCNC: a line for each servo period from `halsampler`, served by the program that `rig init` writes.
+    """LinuxCNC: a line for each servo period from `halsampler`, served by the program that `rig init` writes, at
+    `tcp://robot:5480`.
 
     The samples also contain the number in `motion.analog-out-00`, set by `M68 E0 Q…`.
     """
@@ -326,7 +329,7 @@ class LinuxCNC(_Feedback):
 
 
 class ModbusJoints(_Feedback, RegisterBlock):
-    """Joint angles in controller registers, read over Modbus TCP."""
+    """Joint angles in registers of a controller, read over Modbus TCP, `tcp://robot:502`."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(

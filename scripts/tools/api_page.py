@@ -34,16 +34,22 @@ result.curve.to_table()  # error over the circle angle, a pyarrow Table
 ```
 
 Names state the unit, in degrees and mm. Arrays without a unit in the name are in radians and mm. `to_table()` returns a
-pyarrow Table, which polars, DuckDB and pandas can read. `to_frame()` returns a pandas DataFrame if pandas is installed.
-`to_dict()` returns the content of `--json`. No function prints, and every expected failure is a `RigError` with
-`code`, `where`, `what` and `remedy` ([error codes](errors.md)).
+pyarrow Table, which polars, DuckDB and pandas can read; `to_frame()` of the same classes returns a pandas DataFrame if
+pandas is installed. `to_dict()` returns the content of `--json` as plain types. No function prints, and every expected
+failure is a `RigError` with `code`, `where`, `what` and `remedy` ([error codes](errors.md)).
 
 This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.
 """
 _LONGEST = 100
-_SECTIONS = ("Returns ", "Raises ", "Source: ")
+_SECTIONS = ("Returns ", "Raises ", "Example:")
+_LEFT_OUT = "Source: "
+"""Paragraph of a docstring for readers of the code."""
+_EVERYWHERE = {"to_frame()"}
+"""Methods that the head of the page describes."""
 _ENTRY = re.compile(r"(?P<names>\w+(, \w+)*)( (?P<shape>\([^)]*\)))?: (?P<text>.*)")
 """Line of a parameter or field, such as `u_mm (n,): standard uncertainty`."""
+
+_PAGE = re.compile(r"docs/(?P<name>[\w-]+)\.md")
 
 
 def page() -> str:
@@ -60,11 +66,14 @@ def page() -> str:
 
 
 def _function(function: Callable[..., Any]) -> str:
-    summary, *paragraphs = (inspect.getdoc(function) or "").split("\n\n")
-    return (
-        "\n\n".join([f"### {function.__name__}", _signature(function), _prose(summary), *map(_block, paragraphs)])
-        + "\n"
-    )
+    summary, *blocks = _paragraphs(function)
+    return "\n\n".join([f"### {function.__name__}", _signature(function), _prose(summary), *blocks]) + "\n"
+
+
+def _paragraphs(documented: object) -> list[str]:
+    """Paragraphs of a docstring as Markdown, without the sources."""
+    paragraphs = (inspect.getdoc(documented) or "").split("\n\n")
+    return [_block(one) for one in paragraphs if not one.startswith(_LEFT_OUT)]
 
 
 def _signature(function: Callable[..., Any]) -> str:
@@ -87,33 +96,56 @@ def _parameter(one: inspect.Parameter) -> str:
 
 
 def _block(paragraph: str) -> str:
-    """Return a paragraph of prose, an example as code, or a list of parameters or fields with their descriptions."""
+    """Convert a paragraph of prose, an example, or a list of parameters with their descriptions."""
     if paragraph.startswith("    "):
         return f"```python\n{textwrap.dedent(paragraph)}\n```"
+    alike: dict[str, list[str]] = {}
+    for name, text in _entries(paragraph).items():
+        alike.setdefault(text, []).append(f"`{name}`")
+    return _items(alike) or _prose(paragraph)
+
+
+def _items(alike: dict[str, list[str]]) -> str:
+    """A list item for each description, with all names that it describes."""
+    return "\n".join(f"- {', '.join(names)}{text}" for text, names in alike.items())
+
+
+def _entries(paragraph: str) -> dict[str, str]:
+    """Descriptions by name in a paragraph such as `u_mm (n,): standard uncertainty`; empty for prose."""
     lines = paragraph.splitlines()
-    if paragraph.startswith(_SECTIONS) or not _ENTRY.match(lines[0]):
-        return _prose(paragraph)
-    entries: list[str] = []
+    if paragraph.startswith((*_SECTIONS, " ")) or not _ENTRY.match(lines[0]):
+        return {}
+    entries: dict[str, str] = {}
+    names: list[str] = []
     for line in lines:
         if entry := _ENTRY.match(line):
-            shape = f" {entry['shape']}" if entry["shape"] else ""
-            entries.append(f"- {', '.join(f'`{name}`' for name in entry['names'].split(', '))}{shape}: {entry['text']}")
+            names = entry["names"].split(", ")
+            text = f" {entry['shape']}" if entry["shape"] else ""
+            entries |= dict.fromkeys(names, f"{text}: {_prose(entry['text'])}")
         else:
-            entries[-1] += f" {line}"
-    return "\n".join(entries)
+            entries |= {name: f"{entries[name]} {_prose(line)}" for name in names}
+    return entries
 
 
 def _prose(paragraph: str) -> str:
-    return " ".join(paragraph.split())
+    """A paragraph on one line, with links to the pages that it names."""
+    return _PAGE.sub(lambda named: f"[{named['name']}]({named['name']}.md)", " ".join(paragraph.split()))
 
 
 def _class(found: type) -> str:
-    summary, *paragraphs = (inspect.getdoc(found) or "").split("\n\n")
-    members = [f"- `{name}`: {_prose(what)}" for name, what in (*_documented_fields(found), *_members(found))]
-    fields = dataclasses.fields(found) if dataclasses.is_dataclass(found) else ()
-    listed = [f"Fields: {', '.join(f'`{field.name}: {field.type}`' for field in fields)}."] if fields else []
-    parts = [_prose(summary), *map(_block, paragraphs), *listed, *(["\n".join(members)] if members else [])]
-    return "\n\n".join([f"### {found.__name__}", *parts]) + "\n"
+    paragraphs = (inspect.getdoc(found) or "").split("\n\n")
+    entries = {name: text for one in paragraphs for name, text in _entries(one).items()}
+    entries |= {name: f": {_prose(text)}" for name, text in _documented_fields(found)}
+    alike: dict[str, list[str]] = {}
+    for field in dataclasses.fields(found) if dataclasses.is_dataclass(found) else ():
+        alike.setdefault(entries.pop(field.name, ""), []).append(f"`{field.name}: {field.type}`")
+    for name, text in entries.items():
+        alike.setdefault(text, []).append(f"`{name}`")
+    for name, text in _members(found):
+        if name not in _EVERYWHERE:
+            alike.setdefault(f": {_prose(text)}", []).append(f"`{name}`")
+    prose = [_block(one) for one in paragraphs if not _entries(one)]
+    return "\n\n".join([f"### {found.__name__}", *prose, *([_items(alike)] if alike else [])]) + "\n"
 
 
 def _documented_fields(found: type) -> list[tuple[str, str]]:
@@ -132,10 +164,13 @@ def _documented_fields(found: type) -> list[tuple[str, str]]:
 
 
 def _members(found: type) -> list[tuple[str, str]]:
-    """Return names and docstrings of public properties and methods, including those of base classes in this project."""
+    """Names and docstrings of public properties and methods, except those of a public base class."""
+    import analysis  # noqa: PLC0415
+
+    public = {getattr(analysis, name) for name in analysis.__all__} - {found}
     members: dict[str, str] = {}
     for owner in reversed(found.__mro__):
-        if not owner.__module__.startswith(("analysis", "rigs")):
+        if not owner.__module__.startswith(("analysis", "rigs")) or owner in public:
             continue
         for name, value in vars(owner).items():
             shown = inspect.isfunction(value) or isinstance(value, property | cached_property)

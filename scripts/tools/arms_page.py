@@ -21,30 +21,28 @@ computers.
 HEAD = """\
 # The arm library
 
-The library has the constants of these arms with their sources:
+The library has the published constants of the [arms below](#the-arms):
 
 ```sh
 rig arms                                                  # list all arms
-rig arms kuka-kr-6-r900-2                                 # one arm as the robot section of a rig file
+rig arms kuka-kr-6-r900-2                                 # one arm as the robot section of a rig file, with its sources
 rig arms ur10e --calibration calibration.conf -o arm.yaml # a UR with its individual calibration
 ```
 
 Replace the `robot:` section of a rig file by the output of `rig arms NAME`, and add the `payload_kg` and the `tool` of
-your cell. The values are the published ones of the model. A real arm differs from them by tenths of a millimetre to
-some millimetres, which `rig diagnose` and `rig calibrate` determine.
+your cell. A real arm differs from the published values by tenths of a millimetre to some millimetres, which
+`rig diagnose` and `rig calibrate` determine. Values without a source are omitted: many arms have no masses, and some
+have no repeatability. The comments of a section describe the base and flange frames and warn about similar models.
 
 Joint angles are those of the controller, and `coupling` converts them to the angles of the axes. KUKA's A1 is positive
 clockwise, seen from above, so its entry is -1, as for A4 and A6. FANUC's J3 is measured from the horizontal, so axis 3
-turns by J2 + J3. The comments of a section describe the base and flange frames. Values without a source are omitted:
-many arms have no masses, and some have no repeatability.
+turns by J2 + J3.
 
-## The calibration of a UR
-
-The maker measures each UR and stores the result in `~/.urcontrol/calibration.conf` on the controller, as differences
-from the classic Denavit-Hartenberg constants of the model. `--calibration` adds them to the section. Axes 2, 3 and 4
-are nearly parallel: the file describes them by lengths of hundreds of metres that almost cancel, the section by
-Hayati's `beta_deg`. Both give the same poses; random postures are compared to 1e-9 mm and rad before anything is
-written. Centres of mass and limits are the published ones.
+**A UR with its calibration.** Universal Robots measures each arm and stores the result on the controller in
+`~/.urcontrol/calibration.conf`, as differences from the classic Denavit-Hartenberg constants of the model.
+`--calibration` adds them to the section. The file describes the nearly parallel axes 2, 3 and 4 by lengths of hundreds
+of metres that almost cancel, the section by Hayati's `beta_deg`. rig compares both on random postures, to 1e-9 mm and
+rad, before it writes anything. Centres of mass and limits are the published ones.
 
 ## An arm from a URDF
 
@@ -53,70 +51,51 @@ pipx install '.[urdf]'                # once, in the clone; installs pytransform
 rig import-urdf arm.urdf --build light -o arm.yaml
 ```
 
-The chain between two links must have four to seven revolute or continuous joints. They become modified
-Denavit-Hartenberg constants, with `beta_deg` for parallel axes. A prismatic joint below all of them becomes
-`robot.rail`; other prismatic joints are refused, as in a SCARA. A continuous joint gets limits of a turn in both
-directions, and a message says so. If the end is behind a joint called gripper, jaw, finger or claw, `--tip` is
-required, because a jaw is not an axis of the arm. Random postures are compared with the forward kinematics of
-pytransform3d, to 1e-9 mm and rad, before anything is written. The base is the link `base` or the root, the flange is
-`tool0` or the only end; `--base` and `--tip` select others. Meshes are not needed. Expand xacro first:
-`xacro FILE > arm.urdf`.
+Expand xacro first: `xacro FILE > arm.urdf`. Meshes are not needed. The base is the link `base` or the root, the flange
+`tool0` or the only end; `--base` and `--tip` select others. The chain between them must have four to seven revolute or
+continuous joints, which become modified Denavit-Hartenberg constants; rig compares them with the forward kinematics of
+pytransform3d on random postures, to 1e-9 mm and rad.
 
-Joint angles are those of the URDF. If the controller counts differently, correct `coupling`, `offset_deg` and
-`limits_deg`; in many URDFs of a FANUC, the third joint is J2 + J3. `rig import-urdf` names axes that are nearly, but
-not exactly, parallel or perpendicular, and does not change them. The cause is often rounding: 1.571 instead of a right
-angle moves a point at 1 m by 0.2 mm.
+- A prismatic joint below all of them becomes `robot.rail`. Other prismatic joints are refused, as in a SCARA.
+- A continuous joint gets limits of a turn in both directions, and a message says so.
+- If the end is behind a joint called gripper, jaw, finger or claw, `--tip` is required: a jaw is no axis of the arm.
+- Joint angles are those of the URDF. If the controller counts differently, correct `coupling`, `offset_deg` and
+  `limits_deg`. In many URDFs of a FANUC, the third joint is J2 + J3.
+- rig names axes that are nearly, but not exactly, parallel or perpendicular, and does not change them. The cause is
+  often rounding: 1.571 instead of a right angle moves a point at 1 m by 0.2 mm.
 
 ## An arm as a URDF
 
 ```sh
-rig export-urdf cell.yaml -o arm.urdf
-```
-
-This exports the arm of a rig file, with the joint zeros and link constants among its effects, for ROS, simulators and
-offline programming. Joints turn by the angles of the controller, within the limits of the rig file. The links are
-`world`, `base_link` (the `base` of the rig file), `link_1` to `link_6`, `flange` and `tool`. The poses of `tool` agree
-with the model within 1e-9 mm; tests compare them with pytransform3d and with an independent multiplication of matrices.
-
-- A URDF contains only geometry, no compliance, waves, backlash or thermal growth. The command and the head of the file
-  state by how many micrometres the effects move the tool over the tests of the rig, and how much of this is omitted.
-  Corrected targets of `rig correct` contain more.
-- A rig whose `coupling` has more than signs is refused, as for J2 + J3 of a FANUC, because a joint of a URDF turns one
-  axis. Set `coupling` to the signs in a copy of the rig file, and convert the angles of the controller.
-- A rail is the prismatic joint `rail` below `base_link`, in metres, in URDF, xacro and MJCF. Files for the driver of a
-  maker have no rail, and the command says so. The speed is unknown and written as 1 m/s. `rig import-urdf` reads it.
-- Masses and centres are written if the rig file has them. Moments of inertia and torques are unknown and written as 0;
-  a dynamics simulator needs the values of the maker. There are no meshes.
-
-### For simulators and other descriptions
-
-```sh
+rig export-urdf cell.yaml -o arm.urdf                      # for ROS, simulators and offline programming
 rig export-urdf cell.yaml --for xacro -o arm.xacro         # a macro with prefix and parent
 rig export-urdf cell.yaml --for mjcf -o arm.xml            # for MuJoCo
 rig export-urdf cell.yaml --for mjcf --friction-of runs/yaw --nm-per-a K1,K2,K3,K4,K5,K6 -o arm.xml
 rig export-urdf cell.yaml --for franka -o kinematics.yaml  # for franka_description; xarm for xarm_description
 ```
 
+The file contains the arm of a rig file, including joint zeros and link constants among its effects. Joints turn by the
+angles of the controller, within the limits of the rig file. The links are `world`, `base_link` (the `base` of the rig
+file), `link_1` to `link_6`, `flange` and `tool`. The poses of `tool` agree with the model within 1e-9 mm.
+
+- A URDF contains only geometry, no compliance, waves, backlash or thermal growth. The command and the head of the file
+  state by how many micrometres the effects move the tool over the tests of the rig, and how much of this is omitted.
+  Corrected targets of `rig correct`, and [`calibrated_arm`](api.md#calibrated_arm) in Python, contain more.
+- A rig whose `coupling` has more than signs is refused, as for J2 + J3 of a FANUC, because a joint of a URDF turns one
+  axis. Set `coupling` to the signs in a copy of the rig file, and convert the angles of the controller.
+- A rail is the prismatic joint `rail` below `base_link`, in metres, in URDF, xacro and MJCF. Files for the driver of a
+  maker have no rail, and the command says so. The speed is unknown and written as 1 m/s.
+- Masses and centres are written if the rig file has them. Moments of inertia and torques are unknown and written as 0:
+  a dynamics simulator needs the values of the maker. There are no meshes.
 - **MJCF** has additional hinges for measured effects on the axis of a joint: *backlash* turns freely by half its width
-  in both directions (`NAME_play`), *compliance* is a spring (`NAME_compliance`, torque over angle). Actuate the hinge
-  with the name of the joint, which turns by the angle of the controller. Friction is the `frictionloss` of that hinge:
-  the motor current at the reversals of a run, times the torque per ampere (`--nm-per-a`) in the data sheet. Backlash
-  below twice its u is omitted. Moments of inertia are those of an aluminium ball with the mass of the link.
-- **kinematics.yaml** of Franka and xArm has the origin of each joint in the link frames of the meshes of the maker.
-  Doosan and Kinova have no such file; use the macro.
-- MuJoCo 4.0.0, xacro 2.1.1 and yourdfpy 0.0.60 read the files ([26 November 2026](evidence/reach.md)), the
-  kinematics.yaml with the expressions in the macros of the makers. Poses of a UR10e, an FR3, an xArm 6 and an xArm 7
-  with 60 random errors, with and without a rail, agree within 1.5e-12 mm, and backlash of 0.04° is 0.04°.
+  in both directions (`NAME_play`), *compliance* is a spring (`NAME_compliance`). Actuate the hinge with the name of the
+  joint. Its `frictionloss` is the motor current at the reversals of a run (`--friction-of`) times the torque per ampere
+  of the data sheet (`--nm-per-a`). Backlash below twice its u is omitted. Moments of inertia are those of an aluminium
+  ball with the mass of the link.
+- **kinematics.yaml** has the origin of each joint in the link frames of the maker's meshes. Doosan and Kinova have no
+  such file; use the macro.
 
-In Python the same arm is an object, with all effects that depend only on the posture, and u:
-
-```python
-from analysis import calibrated_arm
-
-arm = calibrated_arm("found/cell.yaml")
-seen = arm.forward([[0, -90, 90, 0, 90, 0]])  # seen.T in mm, seen.u_mm (NaN if not covered), seen.covered
-asked = arm.inverse(seen.T, near_deg=[0, -90, 90, 0, 90, 0])  # asked.q_deg, asked.reached
-```
+MuJoCo, xacro and yourdfpy [read these files](evidence/reach.md).
 
 ### For the driver of Universal Robots
 
@@ -126,13 +105,13 @@ rig export-urdf cell.yaml --for ur-driver --hash calib_12788084448423163542 -o c
 
 The ROS and ROS 2 drivers describe an arm by a file that the package `ur_calibration` extracts from the controller.
 `--for ur-driver` writes such a file for the measured arm; pass it as `kinematics_params_file`. It describes the chain
-from the frame `base` of the controller (half a turn about z from the `base_link` of ROS) to `tool0`, within 1e-9 mm of
-the model. The `base` and `tool` of the rig file are not included: add them to the URDF of your cell.
+from the frame `base` of the controller (half a turn about z from the `base_link` of ROS) to `tool0`. The `base` and
+`tool` of the rig file are not included: add them to the URDF of your cell.
 
 `hash` identifies a calibration in the controller, and the driver compares it at each start. Extract the file of the
-controller first and pass its `hash` with `--hash`; this states that the new file belongs to this robot. Without it the
-file has `rig_not_of_the_controller`, and the driver reports at each start that the calibration does not match. This is
-true: Cartesian moves of the controller still use the stored calibration, while ROS plans with the file.
+controller first and pass its `hash` with `--hash`; this states that the new file belongs to this robot. Without it, the
+driver reports at each start that the calibration does not match. This is true: Cartesian moves of the controller still
+use the stored calibration, while ROS plans with the file.
 
 """
 
@@ -143,32 +122,29 @@ def page() -> str:
 
     arms = [load_arm(name) for name in arm_names()]
     lines = [
-        "## Agreement with the sources",
+        "## The arms",
         "",
-        f"Largest distance and angle of the flange over {POSTURES} random postures within the limits, between the",
-        "library and each source in its original form (the joint chain of a URDF, or other Denavit-Hartenberg rows).",
-        "*Exact* is below 1e-6 mm and rad.",
+        f"The last columns compare the flange over {POSTURES} random postures within the limits: largest distance and",
+        "angle between the library and its sources in their original form (the joint chain of a URDF, or other",
+        "Denavit-Hartenberg rows). *Exact* is below 1e-6 mm and rad. `rig arms NAME` prints the sources.",
         "",
-        "| arm | source | second | third |",
-        "| --- | --- | --- | --- |",
-        *(f"| `{arm.name}` | " + " | ".join(_cells(arm)) + " |" for arm in arms),
+        "| name | arm | repeatability | source | second | third |",
+        "| --- | --- | --- | --- | --- | --- |",
+        *map(_row, arms),
         "",
         "The source of the Doosan has 1.571 for right angles; the library has right angles.",
         "",
         *_differences(),
         "",
-        "## Sources",
+        "This page is generated: `scripts/dev arms_page > docs/arms.md`.",
         "",
     ]
-    for arm in arms:
-        repeatability = f"; repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
-        note = f" {arm.note}" if arm.note else ""
-        lines += [f"**{arm.maker} {arm.model}** (`{arm.name}`){repeatability}.{note} Frames: {arm.frames}.", ""]
-        sources = arm.sources.model_dump(exclude_defaults=True)
-        lines += [f"- {key}: {words}" for key, words in sources.items()]
-        lines.append("")
-    tail = "This page is generated: `scripts/dev arms_page > docs/arms.md`."
-    return HEAD + "\n".join([*lines, tail, ""])
+    return HEAD + "\n".join(lines)
+
+
+def _row(arm: LibraryArm) -> str:
+    repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
+    return f"| `{arm.name}` | {arm.maker} {arm.model} | {repeatability} | {' | '.join(_cells(arm))} |"
 
 
 def _differences() -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Generate docs/interfaces.md from the interface schemas: `scripts/dev interfaces_page > docs/interfaces.md`.
 
-The source of an interface comes from its class (`rigs.interfaces`), the independent implementations from `PEERS` of
-tests/trials/wire_peers.py. The list of unsupported interfaces is in this file.
+Independent implementations come from `PEERS` of tests/trials/wire_peers.py. The list of unsupported interfaces is in
+this file.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from pathlib import Path
 HEAD = """\
 # Interfaces to gauges and robots
 
-`rig interfaces` lists the interfaces with line settings and times. The standing of a protocol is
+The interfaces that a [rig file](rig-file.md) can name, with their default line settings. `rig interfaces` also prints
+the source of each protocol, what is in doubt, and the time of a reading. The standing of a protocol is
 
 - *confirmed*: read in the manual of the maker or in public code, or recorded from an instrument;
 - *weak*: second-hand;
 - *unconfirmed*: assumed.
 
-*Tested against* lists independent implementations; unless stated, they share no code with rig. `scripts/dev wire_peers`
-repeats these tests. All interfaces are also tested with replies from their source and with the emulators of rig.
+All interfaces are tested with replies from their source and with the emulators of rig.
 
 This page is generated: `scripts/dev interfaces_page > docs/interfaces.md`.
 """
@@ -68,7 +68,7 @@ LEFT_OUT = (
 def page() -> str:
     """Return the complete page as Markdown."""
     left_out = ["## Not supported", "", *(_left_out(*one) for one in LEFT_OUT)]
-    return "\n".join([HEAD, *_section("Gauges", "gauge"), *_section("Robots", "robot"), *left_out, ""])
+    return "\n".join([HEAD, *_table("Gauges", "gauge"), *_table("Robots", "robot"), *_peers(), *left_out, ""])
 
 
 def _left_out(name: str, instead: str, why: str) -> str:
@@ -77,22 +77,31 @@ def _left_out(name: str, instead: str, why: str) -> str:
     return f"- **{name}**: {why}.{alternative}"
 
 
-def _section(title: str, kind: str) -> list[str]:
-    """Return a section for each interface of a kind, with its instruments, source, doubts and reference programs."""
-    from rigs.interfaces import list_interfaces  # noqa: PLC0415
-    from tests.trials.wire_peers import PEERS  # noqa: PLC0415 - the script first puts the repository on the path
+def _table(title: str, kind: str) -> list[str]:
+    """The interfaces of a kind; only those of gauges have default line settings."""
+    from rigs.interfaces import NO_DEFAULT, list_interfaces  # noqa: PLC0415 - the script first sets the path
 
-    lines = [f"## {title}", ""]
+    is_gauge = kind == "gauge"
+    line, rule = (" line |", " --- |") if is_gauge else ("", "")
+    lines = [f"## {title}", "", f"| interface | instruments |{line}", f"| --- | --- |{rule}"]
     for one in list_interfaces():
         if one.kind != kind:
             continue
-        origin = one.origin
-        peers = "; ".join(f"{peer.name} ({peer.what})" for peer in PEERS if one.name in peer.interfaces)
-        lines += [f"### {one.name}", "", f"{origin.instruments} ({origin.standing}).", "", f"- Source: {origin.source}"]
-        lines += [f"- In doubt: {origin.doubts}"] if origin.doubts else []
-        lines += [f"- Tested against: {peers}"] if peers else []
-        lines.append("")
-    return lines
+        standing = "" if one.origin.standing == "confirmed" else f" ({one.origin.standing})"
+        line = f" {'required' if one.line == NO_DEFAULT else one.line} |" if is_gauge else ""
+        lines.append(f"| `{one.name}` | {one.origin.instruments}{standing} |{line}")
+    return [*lines, ""]
+
+
+def _peers() -> list[str]:
+    from tests.trials.wire_peers import PEERS  # noqa: PLC0415
+
+    lines = ["## Tested against other implementations", ""]
+    lines += ["Unless stated, they share no code with rig. `scripts/dev wire_peers` repeats the tests.", ""]
+    for interface in dict.fromkeys(peer.interfaces for peer in PEERS):
+        peers = "; ".join(f"{peer.name} ({peer.what})" for peer in PEERS if peer.interfaces == interface)
+        lines.append(f"- `{'`, `'.join(interface)}`: {peers}")
+    return [*lines, ""]
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Generate docs/rig-file-reference.md from the schema: `scripts/dev rig_file_page > docs/rig-file-reference.md`.
 
-Each mapping of a rig file has a section, named by the place of its first use, with an item for each key: type, default
-and docstring of the schema. Keys common to all members of a union (every gauge, every effect) are listed once.
+Each mapping of a rig file has a section, named by the place of its first use, with the type, default and docstring of
+each key. Nothing is listed twice: all members of a union (every gauge, every effect) refer to a section of their common
+keys, similar mappings refer to the first of them, and keys with the same description share an item.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import ast
 import inspect
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,35 +24,56 @@ from pydantic_core import PydanticUndefined
 HEAD = """\
 # Every key of a rig file
 
-[The rig file](rig-file.md) explains the keys with examples. Lengths are in mm and angles in degrees, as the names say.
-Unlisted keys and values beyond the bounds are refused. In a heading, the word after a colon is the value of `interface`
-or `effect` that selects this kind of mapping.
+[The rig file](rig-file.md) explains the keys with examples. Unlisted keys and values beyond the bounds are refused. In
+a heading, the word after a colon is the value of `interface` or `effect` that selects this kind of mapping. Names state
+the unit; a *length* is a number of mm within ±100000, and an *angle* a number of degrees within ±1440.
 
 This page is generated from the schema: `scripts/dev rig_file_page > docs/rig-file-reference.md`.
 """
 _BOUNDS = {
-    "minimum": "from {:.7g}",
+    "minimum": "{:.7g}",
     "exclusiveMinimum": "above {:.7g}",
     "maximum": "to {:.7g}",
     "exclusiveMaximum": "below {:.7g}",
 }
+_NAMED_RANGES = {"number -100000 to 100000": "length", "number -1440 to 1440": "angle"}
+"""Bounds of most keys; the head of the page defines the names."""
 _KINDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true` or `false`"}
-_WRITTEN = {"Line": "line settings, as `9600 8N1`", "Limit": "number, which is `fail`, or {}"}
+_WRITTEN = {"Line": "line settings", "Limit": "number, which is `fail`, or {}"}
 """Mappings with a special notation in a rig file, by class; {} is the mapping."""
 _CHOOSERS = ("interface", "effect")
 """Keys whose value selects the kind of a mapping."""
 _LONGEST_DEFAULT = 40
+_SIMILAR = 3
+"""Number of equal keys from which a section refers to an earlier one instead of listing them."""
 
 Model = type[BaseModel]
 Schema = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Shared:
-    """Keys common to all members of a union, listed only with the first of them."""
+class Key:
+    """A key of a mapping: type, with default, and docstring."""
 
-    first: str
-    keys: frozenset[str]
+    kind: str
+    text: str
+
+    def listed(self, names: str, *, without_text: bool = False) -> str:
+        return f"- {names}: {self.kind}. {'' if without_text else self.text}".rstrip()
+
+
+@dataclass
+class Page:
+    """Sections written so far, to which later ones refer."""
+
+    places: dict[str, str]
+    """Title of each mapping, by the name of its class."""
+    unions: dict[str, str]
+    """Title of the common keys of the union to which a class belongs."""
+    common: dict[str, dict[str, Key]] = field(default_factory=dict)
+    """Common keys by that title."""
+    written: dict[str, dict[str, Key]] = field(default_factory=dict)
+    """Keys by the title of their section."""
 
 
 def page() -> str:
@@ -67,11 +90,43 @@ def _sections(root: Model) -> Iterator[str]:
     places: dict[str, str] = {root.__name__: "The file"}
     classes = {one.__name__: one for one in _subclasses(BaseModel)}
     _find_places(schema, "", definitions, places)
-    shared = _shared(schema, definitions)
-    for name, place in places.items():
-        model, own = classes[name], definitions.get(name, schema)
-        common = shared.get(name)
-        yield _section(place, model, own, common, places)
+    keys = {name: _keys(classes[name], definitions.get(name, schema), places) for name in places}
+    found = Page(places, {})
+    for members in _unions(schema, definitions):
+        title = f"{places[members[0]].partition(':')[0]}: all kinds"
+        found.common[title] = _common([keys[name] for name in members])
+        found.unions |= dict.fromkeys(members, title)
+    for name in places:
+        if (title := found.unions.get(name)) and title not in found.written:
+            found.written[title] = found.common[title]
+            yield _text(title, "", "", _items(found.common[title], {}))
+        yield _section(name, classes[name], keys[name], found)
+
+
+def _keys(model: Model, schema: Schema, places: dict[str, str]) -> dict[str, Key]:
+    docs = _docstrings(model)
+    return {
+        key: Key(f"{_kind(given, places)}{_default(model.model_fields[key])}", docs.get(key, ""))
+        for key, given in schema["properties"].items()
+        if key not in _CHOOSERS
+    }
+
+
+def _unions(schema: Schema, definitions: dict[str, Schema]) -> list[list[str]]:
+    """Mappings of which a rig file selects one by `interface` or `effect`."""
+    found: list[list[str]] = []
+    for mapping in (schema, *definitions.values()):
+        for given in mapping["properties"].values():
+            members = _references(given)
+            if len(members) > 2 and members not in found:
+                found.append(members)
+    return found
+
+
+def _common(members: list[dict[str, Key]]) -> dict[str, Key]:
+    """Keys that all members have, each with its most frequent description."""
+    names = [name for name in members[0] if all(name in one for one in members)]
+    return {name: Counter(one[name] for one in members).most_common(1)[0][0] for name in names}
 
 
 def _find_places(schema: Schema, path: str, definitions: dict[str, Schema], places: dict[str, str]) -> None:
@@ -97,39 +152,52 @@ def _references(given: Schema) -> list[str]:
     return [name for one in below for name in _references(one)]
 
 
-def _shared(schema: Schema, definitions: dict[str, Schema]) -> dict[str, Shared]:
-    """Return for each further member of a union the first member, and the keys they share with the same meaning."""
-    found: dict[str, Shared] = {}
-    for mapping in (schema, *definitions.values()):
-        for given in mapping["properties"].values():
-            members = _references(given)
-            if len(members) < 3:
-                continue
-            kept = [definitions[name]["properties"] for name in members]
-            alike = {key for key in kept[0] if all(key in one and one[key] == kept[0][key] for one in kept)}
-            found |= dict.fromkeys(members[1:], Shared(members[0], frozenset(alike)))
-    return found
-
-
 def _subclasses(model: Model) -> Iterator[Model]:
     for one in model.__subclasses__():
         yield one
         yield from _subclasses(one)
 
 
-def _section(place: str, model: Model, schema: Schema, common: Shared | None, places: dict[str, str]) -> str:
+def _section(name: str, model: Model, keys: dict[str, Key], page: Page) -> str:
+    place = page.places[name]
+    common = page.common.get(page.unions.get(name, ""), {})
+    own = {key: one for key, one in keys.items() if common.get(key) != one}
     described = " ".join((inspect.getdoc(model) or "").split())
-    docs = _docstrings(model)
-    items = [
-        f"- `{key}`: {_kind(given, places)}{_default(model.model_fields[key])}. {docs.get(key, '')}".rstrip()
-        for key, given in schema["properties"].items()
-        if key not in _CHOOSERS and not (common and key in common.keys)
-    ]
-    first = places[common.first] if common else ""
-    listed = [f"`{key}`" for key in schema["properties"] if common and key in common.keys]
-    also = f"{', '.join(listed)}: as in [{first}](#{_anchor(first)})." if listed else ""
-    title = f"### {place}" if "." in place else f"## {place}"
-    return "\n\n".join(part for part in (title, described, also, "\n".join(items)) if part) + "\n"
+    also = ""
+    if same := _most_similar(own, page.written):
+        listed = [key for key in own if page.written[same].get(key) == own[key]]
+        also = f"{_names(listed)}: as in [{same}](#{_anchor(same)})."
+        own = {key: one for key, one in own.items() if key not in listed}
+    page.written[place] = keys
+    return _text(place, described, also, _items(own, common))
+
+
+def _most_similar(keys: dict[str, Key], written: dict[str, dict[str, Key]]) -> str:
+    """Title of the earlier section with the most equal keys; empty if only a few are equal."""
+    equal = {title: sum(earlier.get(key) == one for key, one in keys.items()) for title, earlier in written.items()}
+    title = max(equal, key=equal.__getitem__, default="")
+    return title if title and equal[title] >= _SIMILAR else ""
+
+
+def _items(keys: dict[str, Key], common: dict[str, Key]) -> str:
+    """A list item for each description, with all keys that it describes."""
+    alike: dict[Key, list[str]] = {}
+    for name, one in keys.items():
+        alike.setdefault(one, []).append(name)
+    return "\n".join(
+        one.listed(_names(names), without_text=names[0] in common and common[names[0]].text == one.text)
+        for one, names in alike.items()
+    )
+
+
+def _names(keys: list[str]) -> str:
+    return ", ".join(f"`{key}`" for key in keys)
+
+
+def _text(title: str, *parts: str) -> str:
+    """A section; empty parts are omitted."""
+    heading = f"### {title}" if "." in title else f"## {title}"
+    return "\n\n".join(part for part in (heading, *parts) if part) + "\n"
 
 
 def _docstrings(model: Model) -> dict[str, str]:
@@ -164,7 +232,10 @@ def _plain(given: Schema, places: dict[str, str]) -> str:
     if given["type"] == "object":
         return f"mapping of names to {_kind(given['additionalProperties'], places)}"
     bounds = [words.format(given[key]) for key, words in _BOUNDS.items() if key in given]
-    return " ".join(["date" if given.get("format") == "date" else _KINDS[given["type"]], *bounds])
+    if len(bounds) == 1 and "minimum" in given:
+        bounds.insert(0, "from")
+    kind = " ".join(["date" if given.get("format") == "date" else _KINDS[given["type"]], *bounds])
+    return _NAMED_RANGES.get(kind, kind)
 
 
 def _list(given: Schema, places: dict[str, str]) -> str:
@@ -172,7 +243,8 @@ def _list(given: Schema, places: dict[str, str]) -> str:
         kinds = list(dict.fromkeys(_kind(one, places) for one in given["prefixItems"]))
         return f"list of {len(given['prefixItems'])}: {', '.join(kinds)}"
     exactly = given.get("minItems") if given.get("minItems") == given.get("maxItems") else None
-    return f"list{'' if exactly is None else f' of {exactly}'}, each: {_kind(given['items'], places)}"
+    kind = f"list{'' if exactly is None else f' of {exactly}'}: {_kind(given['items'], places)}"
+    return kind.replace("list: list: ", "list of lists: ")
 
 
 def _mapping(name: str, places: dict[str, str]) -> str:

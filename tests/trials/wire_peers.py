@@ -3,7 +3,7 @@
 A peer shares no code with ours: the other end of the wire is theirs. Programs of Python are in the environment of this
 program (tests/trials/wire_peers.lock), node-opcua wherever node finds it (NODE_PATH); what is not
 installed is skipped, with the reason. `PEERS` is the one declaration:
-docs/interfaces.md lists it beside each interface. Exit code 1 where a peer disagrees.
+docs/interfaces.md lists them. Exit code 1 if a peer disagrees.
 """
 
 from __future__ import annotations
