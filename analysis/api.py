@@ -21,8 +21,8 @@ from analysis.correction.calibrated_arm import CalibratedArm as CalibratedArm
 from analysis.correction.diagnosed import Diagnosis as Diagnosis
 from analysis.diagnosis.judge.comparison import Compared as Compared
 from analysis.diagnosis.judge.comparison import Comparison as Comparison
+from analysis.diagnosis.judge.named import Named as Named
 from analysis.diagnosis.judge.result import Gap as Gap
-from analysis.diagnosis.judge.result import Named as Named
 from analysis.procedures import results
 from analysis.procedures.results import Result as Result
 from analysis.procedures.shared.joint_reversals import JointReversal as JointReversal

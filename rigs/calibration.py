@@ -156,6 +156,11 @@ class CalibratedModel(Part):
         vars(model)["content"] = content  # cached for `content`
         return model
 
+    def with_values(self, **values: Any) -> CalibratedModel:
+        """A copy with other values, not checked again, and without the cached root, effects and content."""
+        kept = {name: getattr(self, name) for name in CalibratedModel.model_fields}
+        return CalibratedModel.model_construct(**kept | values)
+
     @cached_property
     def content(self) -> bytes:
         """Bytes of the file: as read, because a rig file has their digest, or new ones."""

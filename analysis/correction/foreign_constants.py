@@ -38,7 +38,7 @@ _STEP_RAD = 1e-5
 
 @dataclass(frozen=True)
 class LinkDistances:
-    """Rms distances of the tool in µm that the links alone cause."""
+    """RMS tool distances in µm caused by the links alone."""
 
     controller_um: float
     data_sheet_um: float
@@ -73,9 +73,9 @@ def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
 
 
 def doubt_constants_of_diagnosis(diagnosis: Diagnosis) -> str:
-    """Doubt about constants with which an arm was diagnosed; empty if its links fit them.
+    """Explain why the controller constants of a diagnosis may belong to another robot; empty if the links fit them.
 
-    Raises FileError if the links are farther from them than from the data sheet.
+    Raises FileError if the links are nearer to the data sheet than to these constants.
     """
     rig, calibrated = diagnosis.rig, diagnosis.calibrated
     if calibrated is None or not rig.has_controller_constants or rig.robot.linear_units:
@@ -112,7 +112,7 @@ def _distances(rig: Rig, controller: Arm, sheet: Arm, uncertainty: PoseUncertain
 
 
 def _placement_and_zeros(arm: Arm, q: Array) -> Array:
-    """Displacements (3n, 9 + axes) of the tool by base, tool and joint zeros."""
+    """Tool displacements (3n, 9 + axes) caused by base, tool and joint zeros."""
     T = forward(arm, q)
     places, turns = T[:, :3, 3], T[:, :3, :3]
     zeros = [(forward(arm, q + _STEP_RAD * unit)[:, :3, 3] - places) / _STEP_RAD for unit in np.eye(q.shape[1])]

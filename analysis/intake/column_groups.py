@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from analysis.intake.raw_table import RawTable
-from analysis.intake.read import Problems
 from analysis.intake.table_map import Unit
+from analysis.intake.table_problems import Problems
 from rigs.errors import FileError
 
 Role = Literal["measured", "commanded", "residual", "other", "unsaid"]

@@ -14,16 +14,10 @@ from analysis.intake.column_groups import count_places, groups_of
 from analysis.intake.map_proposal import MapProposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by, with_joints
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
-from analysis.intake.read import (
-    Problems,
-    check_sequence,
-    header_names,
-    read_file,
-    read_head,
-    read_whole,
-)
+from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
 from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, FileLayout, MappedColumn, TableMap, map_text
+from analysis.intake.table_problems import Problems
 from analysis.intake.table_reading import likely_angles
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.checks.columns import FEWEST

@@ -22,7 +22,6 @@ from analysis.intake.column_groups import (
 )
 from analysis.intake.mapped import MappedPoses, poses_of, radians, with_joints
 from analysis.intake.raw_table import RawTable
-from analysis.intake.read import TableFileError
 from analysis.intake.table_map import (
     TO_DEG,
     TO_MM,
@@ -34,6 +33,7 @@ from analysis.intake.table_map import (
     TurnColumns,
     line_of_map,
 )
+from analysis.intake.table_problems import TableFileError
 from analysis.intake.table_reading import (
     COMPUTED_MM,
     LENGTHS,

@@ -10,8 +10,9 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.intake.raw_table import RawTable
-from analysis.intake.read import Problems, TableFileError, TableProblem, value
+from analysis.intake.read import value
 from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, Lengths, TableMap, TurnColumns
+from analysis.intake.table_problems import Problems, TableFileError, TableProblem
 from analysis.robot.geometry.iso_cube import ORDER, Cube
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, Integers

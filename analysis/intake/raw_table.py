@@ -22,8 +22,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
-from analysis.intake.read import DECIMAL_COMMAS, Problems, TableProblem, refuse_other_formats, value
+from analysis.intake.read import DECIMAL_COMMAS, refuse_other_formats, value
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
+from analysis.intake.table_problems import Problems, TableProblem
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.readings import evenly
 from analysis.runs.tables import LARGEST, SOCKET

@@ -19,8 +19,8 @@ import numpy as np
 from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns
 from analysis.intake.mapped import poses_of
 from analysis.intake.raw_table import RawTable
-from analysis.intake.read import TableFileError
 from analysis.intake.table_map import TO_DEG, TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, Unit
+from analysis.intake.table_problems import TableFileError
 from analysis.procedures.checks.columns import (
     AS_WELL,
     CLEARLY,

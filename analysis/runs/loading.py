@@ -53,27 +53,25 @@ SIMULATED = "simulated, "
 class Measured(Tabular):
     """A run: its rig file and the readings as one table, in rad and mm.
 
-    path: directory or file of the run.
-    run: manifest and labels.
-    rig: rig file at the time of the measurement, including its calibration.
-    table: readings of gauges, joints or tracker, aligned to a common time.
-    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with a common time.
-    doubts: warnings as text.
-    systematic: uncertainties from certificates.
-    condition: condition of the robot during the run.
-
-    Recorded streams are not kept, because the table is derived from them, and the streams of a long run need much
-    memory.
+    Recorded streams are not kept: the table is derived from them, and those of a long run need much memory.
     """
 
     path: Path
+    """Directory or file of the run."""
     run: Run
+    """Manifest and labels."""
     rig: Rig
+    """Rig file at the time of the measurement, including its calibration."""
     table: Table
+    """Readings of gauges, joints or tracker, aligned to a common time."""
     u_lag_s: float
+    """Standard uncertainty of the gauges' time relative to the robot's; 0 for tables with a common time."""
     doubts: tuple[str, ...]
+    """Warnings as text."""
     systematic: Systematic = NO_CERTIFICATE
+    """Uncertainties from certificates."""
     condition: Condition = NOT_SHOWN
+    """Condition of the robot during the run."""
 
     def __repr__(self) -> str:
         return f"<run {self.run.manifest.name}: {self.table.test} of {self.rig.name}, {len(self.table.q)} rows>"
@@ -109,7 +107,7 @@ def load_measured(path: Path) -> Measured:
 
 
 def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
-    """A rig that does not state its controller with the constants of the controller that a run shows."""
+    """Complete a rig that does not state its controller by the controller constants of a run."""
     shown = (run.rig.robot for run in runs if run.rig.robot.controller and run.rig.controller != "unknown")
     if rig.controller != "unknown" or (robot := next(shown, None)) is None:
         return rig
@@ -118,8 +116,9 @@ def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
 
 
 def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
-    """Runs with the constants of the controller of a rig, in place of the same ones that each run showed, and of those
-    of a data sheet in runs whose rig file does not state the controller.
+    """Give all runs the controller constants of a rig, if theirs are the same or were never stated.
+
+    A run whose rig file does not state the controller has the constants of the data sheet.
     """
     robot, made = rig.robot, []
     for run in runs:
@@ -196,7 +195,7 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
-    """Doubts about corrections of the rig file that imported readings may lack, unless the import states them."""
+    """Doubts if the rig file corrects readings, and the import does not state whether these are already corrected."""
     table_format, table = format_of(run.manifest.test), run.manifest.table
     names = table_format.gauges
     if not names or table is None or table.file.startswith(SIMULATED):

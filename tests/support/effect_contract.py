@@ -22,7 +22,7 @@ from analysis.diagnosis.fit.candidates import Level, candidates_for, columns_for
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import fit_given
-from analysis.diagnosis.judge.result import Named
+from analysis.diagnosis.judge.named import Named
 from analysis.procedures.simulate import simulate
 from analysis.robot.predict import model_of
 from analysis.runs.tables import CircleTable

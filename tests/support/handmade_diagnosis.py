@@ -9,16 +9,10 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnosis.judge.acts import Act, Against, Cost, NamingTest
+from analysis.diagnosis.judge.budget_part import BudgetPart
+from analysis.diagnosis.judge.named import Named, Rival
 from analysis.diagnosis.judge.residuals import Curve, Map, Residual, ResidualBand, ResidualPlace
-from analysis.diagnosis.judge.result import (
-    Accuracy,
-    BudgetPart,
-    Condition,
-    Diagnosis,
-    Gap,
-    Named,
-    Rival,
-)
+from analysis.diagnosis.judge.result import Accuracy, Condition, Diagnosis, Gap
 from analysis.robot.predict import SetUp
 from rigs.effects import Backlash, JointOffset, LinkGeometry
 from rigs.load import load

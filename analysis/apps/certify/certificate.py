@@ -35,33 +35,33 @@ Verdict = Literal["accept", "reject", "undecided"]
 
 @dataclass(frozen=True)
 class Judged:
-    """Expected error and u in mm, and probability inside the tolerance; u_mm and probability are None outside the
-    calibration.
-    """
+    """Verdict about a feature and the figures behind it."""
 
     expected_mm: float | None
     u_mm: float | None
+    """None outside the range of the calibration, as `probability`."""
     probability: float | None
+    """Probability that the feature is inside its tolerance."""
     verdict: Verdict
 
 
 @dataclass(frozen=True)
 class Certified:
-    """A feature now and after `rig correct`.
-
-    cause: the largest contribution to the risk. next: the reading that would reduce the uncertainty most, if undecided.
-    why: reason for no decision. until: day on which growing errors take it out. range_mm: expected errors over the
-    possible postures, if they decide differently.
-    """
+    """Conformity of a feature now and after `rig correct`."""
 
     feature: Feature
     now: Judged
     corrected: Judged
     cause: str | None
+    """Largest contribution to the risk."""
     next: NextReading | None
+    """Reading that would reduce the uncertainty most, if undecided."""
     why: str
+    """Reason if there is no decision."""
     until: Until | None = None
+    """Day on which growing errors exceed the tolerance."""
     range_mm: tuple[float, float] | None = None
+    """Expected errors over the possible postures, if the postures decide differently."""
 
     def to_dict(self) -> dict[str, Any]:
         feature = self.feature

@@ -12,7 +12,7 @@ from analysis.apps.report.diagnosis_words import act_after, micrometres, percent
 from analysis.apps.report.texts import extended, joined
 from analysis.correction.work import largest_move_mm
 from analysis.diagnosis.judge.acts import FOUND, Act
-from analysis.diagnosis.judge.result import LEAST_SHARE
+from analysis.diagnosis.judge.budget_part import LEAST_SHARE
 from analysis.diagnosis.plan.plan_next import JOINED
 from analysis.robot.predict import is_geometric
 from rigs.effects import Effect, size_field
@@ -164,8 +164,10 @@ class ActWords(AnswerWords):
             place=self.texts(f"place_{act.place}"),
         )  # fmt: skip
         if act.with_before_um is not None:
-            after = self.error_size(act.with_before_um, act.with_before_u_um)
-            return joined([sentence, self.texts("act_with_before", after=f"{after} µm")])
+            after = f"{self.error_size(act.with_before_um, act.with_before_u_um)} µm"
+            if key == "grows":  # the preceding acts remove errors that this one cancels
+                return self.texts("act_only_with_before", after=after)
+            return joined([sentence, self.texts("act_with_before", after=after)])
         # Parts that this effect cancels become visible in full once it is removed.
         lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together] if act.effect else []
         others = [line for line in lines if act.effect and line.label != label_of(act.effect)]

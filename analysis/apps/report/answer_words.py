@@ -20,17 +20,10 @@ from analysis.apps.report.texts import ENGLISH, Texts, capital, joined
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.acts import IMITATED
-from analysis.diagnosis.judge.certainty import fault_rivals, is_certain_part, is_sure, likely_rivals
-from analysis.diagnosis.judge.result import (
-    LARGE_SHARE,
-    LEAST_SHARE,
-    BudgetPart,
-    Diagnosis,
-    Gap,
-    GroupMember,
-    Named,
-    Rival,
-)
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, LEAST_SHARE, BudgetPart, GroupMember
+from analysis.diagnosis.judge.certainty import fault_rivals, has_certain_contribution, has_certain_name, likely_rivals
+from analysis.diagnosis.judge.named import Named, Rival
+from analysis.diagnosis.judge.result import Diagnosis, Gap
 from analysis.diagnosis.judge.verdict import is_undecided
 from analysis.procedures.shared.quantity import quantity_of
 from rigs.effect_names import name_in_words
@@ -57,7 +50,7 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
         if part.share > LARGE_SHARE
         and part.kind not in ("scatter", "unexplained")
         and part not in faults
-        and (is_certain_part(diagnosis, part) or part.members)
+        and (has_certain_contribution(diagnosis, part) or part.members)
     ]
 
 
@@ -76,14 +69,14 @@ def is_certain_except_small(diagnosis: Diagnosis) -> bool:
     if diagnosis.condition != "undecided" or residual.scatter_um:
         return False
     open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_open_cause(diagnosis, named))
-    certain = [part for part in large_parts(diagnosis) if is_sure(diagnosis, part)]
+    certain = [part for part in large_parts(diagnosis) if has_certain_name(diagnosis, part)]
     return open_share <= LEAST_SHARE and bool(certain)
 
 
 def is_open_cause(diagnosis: Diagnosis, named: Named) -> bool:
     """True if more runs may find a fault, and not only the size of a certain contribution is open."""
     part = part_of(diagnosis, named)
-    is_size_open = named.doubt == "unsure" and part is not None and is_sure(diagnosis, part)
+    is_size_open = named.doubt == "unsure" and part is not None and has_certain_name(diagnosis, part)
     return is_undecided([named]) and not is_size_open
 
 

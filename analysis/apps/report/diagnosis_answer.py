@@ -45,8 +45,9 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
 from analysis.diagnosis.judge.comparison import LocatedResidual
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.residuals import ModelResidual, ResidualPlace, Staircase
-from analysis.diagnosis.judge.result import Diagnosis, Named
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.shared.quantity import Quantity
 from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES

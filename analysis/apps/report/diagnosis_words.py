@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 
 from analysis.apps.report.texts import ENGLISH, Texts, joined
+from analysis.diagnosis.judge.budget_part import GroupMember
+from analysis.diagnosis.judge.named import Named, Rival
 from analysis.diagnosis.judge.residuals import Curve, HeldOutResidual, ResidualBand, ResidualPlace
-from analysis.diagnosis.judge.result import Diagnosis, GroupMember, Movement, Named, Rival
+from analysis.diagnosis.judge.result import Diagnosis, Movement
 from analysis.movement.causes import Cause
 from analysis.movement.inference import CauseOdds, short_name
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of

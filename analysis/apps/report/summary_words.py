@@ -31,15 +31,17 @@ from analysis.apps.report.texts import ENGLISH, Phrase, Texts, capital, extended
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.judge.acts import IMITATED, Act
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, LEAST_SHARE, BudgetPart
 from analysis.diagnosis.judge.certainty import (
+    has_certain_contribution,
+    has_certain_name,
     is_certain_cause,
-    is_certain_part,
-    is_sure,
     likely_rivals,
     outweighs_unexplained,
 )
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import LARGE_SHARE, LEAST_SHARE, BudgetPart, Diagnosis, Named
+from analysis.diagnosis.judge.result import Diagnosis
 from rigs.schema.effect import is_wave, size_field
 
 
@@ -251,7 +253,7 @@ class _SummaryWords(ActWords):
             causes.append(_Cause(share, self._effect(named, part, is_fault=True), is_certain, is_fault=True))
         for part in large_parts(diagnosis):
             is_single = part.index is not None or bool(part.members and part.members[0].odds >= LIKELY)
-            is_certain = is_single and (is_sure(diagnosis, part) or self._is_usual_kind(part))
+            is_certain = is_single and (has_certain_name(diagnosis, part) or self._is_usual_kind(part))
             if diagnosis.condition == "outside_library":
                 named_part = diagnosis.named_of(part)
                 is_certain &= named_part is not None and outweighs_unexplained(diagnosis, named_part)
@@ -267,7 +269,7 @@ class _SummaryWords(ActWords):
     def _is_usual_kind(self, part: BudgetPart) -> bool:
         """True if only the name is open: the effect, or several small errors of its kind, certainly cause a part."""
         named = self.diagnosis.named_of(part)
-        if named is None or likely_rivals(named) or not is_certain_part(self.diagnosis, part):
+        if named is None or likely_rivals(named) or not has_certain_contribution(self.diagnosis, part):
             return False
         return named.probability + named.alternatives.get("healthy", 0.0) >= CONFIRMED
 
@@ -285,7 +287,7 @@ class _SummaryWords(ActWords):
             return self.texts("possible_member", part=name, member=member, odds=sure(named.probability))
         likeliest = part.members[0] if part.members and part.members[0].odds >= LIKELY else None
         # The odds of a member assume that the group exists, so the doubt about the group is stated too.
-        is_open = likeliest and not is_certain_part(self.diagnosis, part)
+        is_open = likeliest and not has_certain_contribution(self.diagnosis, part)
         uncertain = self.texts("size_uncertain", um=self.error_size(part.um, part.u_um)) if is_open else ""
         name = joined([self.short_name(part), usual, uncertain, self._share(part)], ", ")
         if likeliest is None:
@@ -412,9 +414,12 @@ class _SummaryWords(ActWords):
     @property
     def _each_by_itself(self) -> str:
         """The errors after only the correction and only the repairs; empty unless both exist."""
-        acts = [act for act in self.diagnosis.acts if act.removes and act.place == self.diagnosis.accuracy.place]
-        corrections, repairs = ([act for act in acts if act.kind in kinds] for kinds in (("load",), REPAIRS))
-        if not corrections or not repairs:
+        acts = [act for act in self.diagnosis.acts if act.place == self.diagnosis.accuracy.place]
+        corrections = [act for act in acts if act.kind == "load" and act.removes]
+        # One that removes nothing by itself counts after the others, if it cancels a part of their errors.
+        repairs = [act for act in acts if act.kind in REPAIRS and not act.conditional]
+        repairs = [act for act in repairs if act.removes or act.with_before_um is not None]
+        if not corrections or not any(act.removes for act in repairs):
             return ""
         after_all_um = repairs[-1].with_before_um  # None for a single repair
         repaired = micrometres(repairs[-1].residual_um if after_all_um is None else after_all_um)

@@ -27,9 +27,11 @@ from analysis.diagnosis.judge.acts import (
     Reason,
     open_acts,
 )
-from analysis.diagnosis.judge.certainty import fault_rivals, is_certain_cause, is_open, is_sure, likely_rivals
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, LEAST_SHARE, BudgetPart
+from analysis.diagnosis.judge.certainty import fault_rivals, has_certain_name, is_certain_cause, is_open, likely_rivals
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.residuals import independent_um
-from analysis.diagnosis.judge.result import LARGE_SHARE, LEAST_SHARE, BudgetPart, Diagnosis, Gap, Named
+from analysis.diagnosis.judge.result import Diagnosis, Gap
 from rigs.calibration import verdict_of
 from rigs.effects import Effect, turned
 from rigs.schema.effect import label_of, name_of, size_field
@@ -217,7 +219,7 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     acts = []
     for k, part in enumerate(diagnosis.budget):
         named = diagnosis.named_of(part)
-        if named is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
+        if named is None or part.share <= LEAST_SHARE or not has_certain_name(diagnosis, part):
             continue
         effect = named.effect
         if effect.part == "reversal" and effect.compensation().use == "none":
@@ -255,7 +257,7 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     named = diagnosis.named_of(part)
     of_part = [named] if named else []
     rare = (part.times_usual or 0.0) >= SURE_SIGMA or diagnosis.accuracy.standing in ("watch", "fail")
-    is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
+    is_much = part.share > LARGE_SHARE and has_certain_name(diagnosis, part)
     if cause := part.cause:  # the only certain member of a group, as an effect of usual size
         effect, remedy = cause.effect, cause.effect.remedy()
         of_part = [Named(effect, cause.sd, cause.odds, (), math.nan, remedy, cause.um, None, "usual", u_um=cause.u_um)]

@@ -16,7 +16,9 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
 from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect, least_fault
-from analysis.diagnosis.judge.result import LARGE_SHARE, BudgetPart, Gap, GroupMember, Named, Rank, Share
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, BudgetPart, GroupMember, Rank
+from analysis.diagnosis.judge.named import Named, Share
+from analysis.diagnosis.judge.result import Gap
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of

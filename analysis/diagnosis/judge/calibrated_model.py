@@ -121,15 +121,12 @@ def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> Cali
     ranges = zip(before.joints_deg, new.joints_deg, strict=True)
     joints = [(min(low, new_low), max(high, new_high)) for (low, high), (new_low, new_high) in ranges]
     root = limited_root(covariance_root(covariance), terms, parameters)
-    # A copy would keep the cached root and effects of the new calibration.
-    fields = {name: getattr(new, name) for name in CalibratedModel.model_fields}
     rails = [model.rail_mm for model in (before, new) if model.rail_mm]
-    fields |= {
-        "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
-        "runs": (*before.runs, *new.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
-        "parameters": tuple(parameters), "factor": packed_factor(root),
-    }  # fmt: skip
-    return CalibratedModel.model_construct(**fields)
+    return new.with_values(
+        rail_mm=(min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
+        runs=(*before.runs, *new.runs), joints_deg=tuple(joints), terms=tuple(terms), parameters=tuple(parameters),
+        factor=packed_factor(root),
+    )  # fmt: skip
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:

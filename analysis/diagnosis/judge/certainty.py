@@ -1,10 +1,16 @@
-"""Certainty of the causes and parts of a diagnosis: likely rivals, open causes, certain contributions."""
+"""Certainty of the causes and parts of a diagnosis.
+
+A part of the error may have a certain contribution, whatever its cause (`has_certain_contribution`), also a certain
+name (`has_certain_name`), and also no rival, known or unknown (`is_certain_cause`).
+"""
 
 from __future__ import annotations
 
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS, SURE_SIGMA
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, BudgetPart
+from analysis.diagnosis.judge.named import PRESENT, Named, Rival
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import LARGE_SHARE, PRESENT, BudgetPart, Diagnosis, Named, Rival
+from analysis.diagnosis.judge.result import Diagnosis
 from rigs.calibration import verdict_of
 
 
@@ -13,13 +19,13 @@ def likely_rivals(named: Named) -> list[Rival]:
 
 
 def fault_rivals(named: Named) -> list[Rival]:
-    """The rivals of an effect of usual size that cannot be dismissed and would be faults."""
+    """Likely rivals of an effect of usual size that would be faults."""
     return [rival for rival in likely_rivals(named) if rival.is_fault and named.doubt == "usual"]
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Whether the cause of a large share of the error is undecided: the effect is no fault, or usual errors may have
-    the same result, and it is not certain.
+    """True if the cause of a large part of the error is undecided: the effect is usual or usual errors imitate it, and
+    it is not certain.
     """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.probability < CONFIRMED
 
@@ -37,14 +43,8 @@ def outweighs_unexplained(diagnosis: Diagnosis, named: Named) -> bool:
     return is_valid and named.contribution_um >= OUTWEIGHS * diagnosis.residual.um
 
 
-def is_certain_cause(diagnosis: Diagnosis, named: Named) -> bool:
-    """True if an effect certainly exists, has no likely rival, and no unknown cause may imitate it."""
-    is_named = named.probability >= CONFIRMED and not likely_rivals(named) and named.doubt in PRESENT
-    return is_named and (diagnosis.condition != "outside_library" or outweighs_unexplained(diagnosis, named))
-
-
-def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Whether the contribution of a part is certain, even if several similar effects may be the cause."""
+def has_certain_contribution(diagnosis: Diagnosis, part: BudgetPart) -> bool:
+    """True if the contribution of a part is certain, even if several similar effects may be the cause."""
     named = diagnosis.named_of(part)
     if named is None:
         return part.sigma >= CERTAIN_SIGMA
@@ -55,6 +55,13 @@ def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     return is_there and part.sigma >= SURE_SIGMA
 
 
-def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
+def has_certain_name(diagnosis: Diagnosis, part: BudgetPart) -> bool:
+    """True if the contribution of a part is certain, and the effect that causes it; a group needs no effect."""
     named = diagnosis.named_of(part)
-    return (named is None or named.probability >= CONFIRMED) and is_certain_part(diagnosis, part)
+    return (named is None or named.probability >= CONFIRMED) and has_certain_contribution(diagnosis, part)
+
+
+def is_certain_cause(diagnosis: Diagnosis, named: Named) -> bool:
+    """True if an effect certainly exists, has no likely rival, and no unknown cause can imitate it."""
+    is_named = named.probability >= CONFIRMED and not likely_rivals(named) and named.doubt in PRESENT
+    return is_named and (diagnosis.condition != "outside_library" or outweighs_unexplained(diagnosis, named))

@@ -11,7 +11,7 @@ from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.observation import rms
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
 from analysis.diagnosis.fit.refine import ended_at_limit
-from analysis.diagnosis.judge.result import Named
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.verdict import shows_time
 from analysis.procedures.shared.test_kind import kind_of, labels_of
 from analysis.robot.kinematics.arm import rail_mm

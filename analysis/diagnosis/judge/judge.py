@@ -18,6 +18,7 @@ from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM
 from analysis.diagnosis.fit.search import early_readings
 from analysis.diagnosis.judge.alternatives import hypotheses_of
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
+from analysis.diagnosis.judge.budget_part import BudgetPart
 from analysis.diagnosis.judge.calibrated_model import calibrated_model
 from analysis.diagnosis.judge.certainty import fault_rivals
 from analysis.diagnosis.judge.dependence import (
@@ -28,8 +29,9 @@ from analysis.diagnosis.judge.dependence import (
     with_dependences,
 )
 from analysis.diagnosis.judge.doubts import doubts_of_limits, doubts_of_rig, doubts_of_runs
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.staircase import staircase_of
 from analysis.diagnosis.judge.validate import Validation, held_out_gains
 from analysis.diagnosis.judge.verdict import (

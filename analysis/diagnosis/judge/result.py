@@ -9,12 +9,11 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
-from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.fit.background import Work
 from analysis.diagnosis.fit.contradictions import Contradiction
-from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn, NamingTest
-from analysis.diagnosis.judge.alternatives import Alternative
-from analysis.diagnosis.judge.probability import CONFIRMED
+from analysis.diagnosis.judge.acts import Act, JudgedOn, NamingTest
+from analysis.diagnosis.judge.budget_part import BudgetPart
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.residuals import (
     Curve,
     HeldOutResidual,
@@ -25,20 +24,17 @@ from analysis.diagnosis.judge.residuals import (
     Staircase,
     independent_um,
 )
-from analysis.procedures.shared.quantity import Quantity, parameters_of
+from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import SEATS, PartKind, name_of, size_field
+from rigs.schema.effect import name_of
 from rigs.schema.limits import Standing
 from rigs.schema.part import Vector
 from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Answer of a diagnosis as values: condition of the arm, accuracy, and error budget.
 
 Condition = Literal[
     "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
@@ -48,89 +44,6 @@ Condition = Literal[
 rig corrects; the cause is not in the library; the runs are too few; many usual errors that a calibration was shown to
 remove; nothing unusual; or the runs cannot show effects.
 """
-Rank = Literal["unusual", "usual", "undecided", "difference"]
-"""Whether an effect is larger than in healthy arms and than others in this arm. A `difference` is a link constant that
-differs from the data sheet: no fault, at any size.
-"""
-
-
-@dataclass(frozen=True)
-class GroupMember:
-    """A candidate effect for a group of small terms: fitted size, rms in µm within the group, and odds of being the
-    dominant effect.
-    """
-
-    effect: Effect
-    um: float
-    odds: float
-    u_um: float = 0.0
-
-    @property
-    def sd(self) -> dict[str, float]:
-        """Standard uncertainty of the size, in proportion to that of the rms; empty if unknown."""
-        field = size_field(self.effect)
-        return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
-
-    def to_dict(self) -> dict[str, Any]:
-        return _of_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
-
-
-@dataclass(frozen=True)
-class BudgetPart:
-    """A part of the gap: a fitted `effect`, `scatter` between runs, `unexplained`, or a group of small terms."""
-
-    kind: PartKind | Literal["effect", "scatter", "unexplained"]
-    um: float
-    """Root mean square in the readings with set-ups fitted."""
-    u_um: float
-    share: float
-    """Share of the energy of the gap. Shares add up to 1 and are never negative; two parts divide a common
-    contribution equally, and a part that cancels another is counted with it.
-    """
-    axis: int | None = None
-    """Joint of an effect or a group, if it has one."""
-    name: str = ""
-    times_usual: float | None = None
-    """Ratio to a healthy arm; None if undefined."""
-    rank: Rank | None = None
-    odds: float | None = None
-    held_out_gain: float | None = None
-    doubt: Doubt | None = None
-    index: int | None = None
-    """Index of the fitted effect among the effects of the diagnosis."""
-    members: tuple[GroupMember, ...] = ()
-    """Candidate effects of a group with more than a third of the gap, likeliest first."""
-    together: tuple[BudgetPart, ...] = ()
-    """Parts that partly cancel each other and are counted together, each with the individual size, this part first."""
-
-    @property
-    def cancelled(self) -> tuple[str, ...]:
-        return tuple(part.label for part in self.together[1:])
-
-    @property
-    def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and the parts that cancel over 5 % of it and over twice their uncertainty; empty without any."""
-        large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
-        return (self.together[0], *large) if large else ()
-
-    @property
-    def label(self) -> str:
-        return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
-
-    @property
-    def cause(self) -> GroupMember | None:
-        """The certain member of a group: the only dominant effect, with known contribution."""
-        likeliest = next(iter(self.members), None)
-        is_cause = likeliest and likeliest.odds >= CONFIRMED and likeliest.um > SURE_SIGMA * likeliest.u_um
-        return likeliest if is_cause else None
-
-    @property
-    def sigma(self) -> float:
-        return self.um / self.u_um if self.u_um > 0 else float("inf")
-
-    def to_dict(self) -> dict[str, Any]:
-        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("together", "members")}
-        return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)
@@ -150,134 +63,6 @@ class Accuracy:
 
     def to_dict(self) -> dict[str, Any]:
         return {**asdict(self), "standing": self.standing or "not_judged"}
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Result of a diagnosis, in reading order.
-#
-# residual of the initial model → missing effects → residual of the extended model → effects that these tests cannot
-# distinguish → actions → next test
-
-_DIFFERS = 0.5
-"""Difference of the shares of two set-ups above which they contradict a named effect, if certain. Chosen: several times
-those of true faults.
-"""
-LEAST_SHARE = 0.1
-"""Share of the error above which every part has an action, or a reason for its absence."""
-LARGE_SHARE = 1 / 3
-"""Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
-
-
-@dataclass(frozen=True)
-class Share:
-    """Size of a named effect in a single set-up as a share of the fitted size."""
-
-    setup: str
-    value: float
-    sd: float
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Alternative to a named effect, with its `probability`."""
-
-    effect: Effect
-    sd: dict[str, float]
-    probability: float
-    is_fault: bool = False
-    """Whether the rival would be a fault: larger than in arms of the same build."""
-
-    def to_dict(self) -> dict[str, Any]:
-        return _of_effect(self.effect, self.sd, self.probability)
-
-
-PRESENT: tuple[Doubt | None, ...] = (None, "usual")
-"""Doubts with which an effect is nevertheless present."""
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect missing in the model, as found by a diagnosis."""
-
-    effect: Effect
-    sd: dict[str, float]
-    """Standard uncertainty of each parameter, in the unit of the parameter."""
-    probability: float
-    """Calibrated probability that the effect exists (docs/probability.md)."""
-    rivals: tuple[Rival, ...]
-    gap_without_um: float
-    """RMS residual on the runs used if only this effect is removed from the model."""
-    remedy: str
-    contribution_um: float
-    """RMS change of the readings caused by the effect, without the part that a set-up absorbs."""
-    held_out_gain: float | None
-    """Share of the squared residual that the effect removes on held-out runs; None if none shows it."""
-    doubt: Doubt | None = None
-    """Reason why the effect is not confirmed as a fault."""
-    shares: tuple[Share, ...] = ()
-    u_um: float = 0.0
-    """Standard uncertainty of `contribution_um`."""
-    times_usual: float | None = None
-    """Size relative to a healthy arm; None if a healthy size is invisible."""
-    alone_um: float = math.nan
-    """RMS residual on the runs used if only this effect is added to the model."""
-    twins: tuple[Effect, ...] = ()
-    """Effects indistinguishable from this one, so only their sum is known."""
-    shown: bool = True
-    """False if the readings cannot identify the cause, such as a wave with fewer than two driven periods."""
-    alternatives: Mapping[Alternative, float] = field(default_factory=dict)
-    """Probability of each alternative; together with `probability` they sum to 1."""
-    log_odds: float | None = None
-    """Log odds against all alternatives before their calibration; None for a vibration."""
-
-    @property
-    def is_confirmed(self) -> bool:
-        """True if the effect is confirmed as a fault."""
-        return self.doubt is None
-
-    @property
-    def unknown(self) -> float:
-        """Probability of a cause that rig does not know, behind this effect alone or behind several."""
-        return self.alternatives.get("unknown", 0.0) + self.alternatives.get("several", 0.0)
-
-    @property
-    def contradicted(self) -> bool:
-        """True if set-ups show clearly different sizes, so that the effect imitates another cause."""
-        if not self.shares:
-            return False
-        least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
-        return most.value - least.value > max(_DIFFERS, SURE_SIGMA * math.hypot(least.sd, most.sd))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types, including the rivals."""
-        return {
-            **_of_effect(self.effect, self.sd, self.probability),
-            "rivals": [rival.to_dict() for rival in self.rivals],
-            "worth_um": self.contribution_um,
-            "u_um": self.u_um,
-            "times_usual": self.times_usual,
-            "stands": self.is_confirmed,
-            "doubt": self.doubt,
-            "log_odds": self.log_odds,
-            "alternatives": dict(self.alternatives),
-            "alone_um": self.alone_um,
-            "twins": [name_of(twin) for twin in self.twins],
-            "held_out_gain": self.held_out_gain,
-            "contradicted": self.contradicted,
-            "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},
-            "gap_without_um": self.gap_without_um,
-            "remedy": self.remedy,
-        }
-
-
-def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
-    return {
-        "effect": effect.effect,
-        **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
-        "name": name_of(effect),
-        "parameters": {field: {"value": value, "sd": sd.get(field)} for field, value in parameters_of(effect).items()},
-        "posterior": posterior,
-    }
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,10 @@ from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.budget import GapMeasure, group_of
+from analysis.diagnosis.judge.budget_part import BudgetPart
 from analysis.diagnosis.judge.comparison import Compared, LocatedResidual
 from analysis.diagnosis.judge.residuals import ModelResidual, Staircase, StaircaseStep, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.runs.loading import Measured
 from rigs.calibration import effects_of
 from rigs.effects import Effect

@@ -28,11 +28,13 @@ from analysis.diagnosis.fit.selection_state import (
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.alternatives import Alternative, Hypotheses
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, is_of_support, sizes_by_setup
+from analysis.diagnosis.judge.budget_part import BudgetPart
 from analysis.diagnosis.judge.certainty import fault_rivals
 from analysis.diagnosis.judge.held_out import Widening
+from analysis.diagnosis.judge.named import PRESENT, Named, Rival
 from analysis.diagnosis.judge.probability import CONFIRMED, Probabilities, probabilities_of
 from analysis.diagnosis.judge.residuals import Residual, bands_above_noise, independent_um
-from analysis.diagnosis.judge.result import PRESENT, Accuracy, BudgetPart, Condition, Diagnosis, Gap, Named, Rival
+from analysis.diagnosis.judge.result import Accuracy, Condition, Diagnosis, Gap
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowed_noise, by_test, result_of

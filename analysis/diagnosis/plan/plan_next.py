@@ -20,9 +20,11 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.act_list import CHECK_STATED, EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
 from analysis.diagnosis.judge.acts import Act, Cost, NamingTest
+from analysis.diagnosis.judge.budget_part import LEAST_SHARE, BudgetPart
 from analysis.diagnosis.judge.certainty import fault_rivals, is_open, likely_rivals
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, Named
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.verdict import ambiguous_names
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands
@@ -146,8 +148,7 @@ def _with_measure_first(diagnosis: Diagnosis) -> Diagnosis:
     if not asks or calibrated is None or calibrated.judged is None:
         return diagnosis
     judged = calibrated.judged.model_copy(update={"measure_first": True})
-    fields = {name: getattr(calibrated, name) for name in type(calibrated).model_fields}
-    return replace(diagnosis, calibrated=type(calibrated).model_construct(**fields | {"judged": judged}))
+    return replace(diagnosis, calibrated=calibrated.with_values(judged=judged))
 
 
 _ALIKE = "other tests do not separate {} from the rivals: the corrections have the same effect"

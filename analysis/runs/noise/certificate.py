@@ -24,15 +24,14 @@ _ASSUMED = Temperature(mean_c=20.0, u_c=5.0 / math.sqrt(3))
 
 @dataclass(frozen=True)
 class Systematic:
-    """Standard uncertainties in mm that no number of readings reduces.
-
-    gauge_mm: error of each gauge, in order, that varies slowly over the range. ball_mm: error of the ball's radius in
-    the direction of the contact with the link. link_mm: error of the length of the link, common to all targets.
-    """
+    """Standard uncertainties in mm that no number of readings reduces."""
 
     gauge_mm: tuple[float, ...] = ()
+    """Error of each gauge that varies slowly over its range."""
     ball_mm: float = 0.0
+    """Error of the ball's radius where the link touches it."""
     link_mm: float = 0.0
+    """Error of the length of the link, common to all targets."""
 
 
 NO_CERTIFICATE = Systematic()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.diagnose import diagnose
-from analysis.diagnosis.judge.result import Named
+from analysis.diagnosis.judge.named import Named
 from rigs.arms import load_arm
 from rigs.effects import Compliance
 from rigs.load import parse

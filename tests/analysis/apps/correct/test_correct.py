@@ -16,7 +16,7 @@ from analysis.correction.corrected_targets import CorrectedTargets, corrected
 from analysis.correction.support import supports
 from analysis.correction.table_postures import stated_posture
 from analysis.correction.work import tool_poses
-from analysis.intake.read import TableFileError
+from analysis.intake.table_problems import TableFileError
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.predict import model_of

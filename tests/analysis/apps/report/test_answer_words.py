@@ -20,7 +20,8 @@ from analysis.diagnosis.judge.acts import (
     Objection,
     open_acts,
 )
-from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
+from analysis.diagnosis.judge.budget_part import BudgetPart, GroupMember
+from analysis.diagnosis.judge.result import Condition
 from rigs.effects import VOCABULARY, Compliance, LinkGeometry
 from rigs.schema.effect import PartKind
 from tests.support.every import in_every_language
@@ -221,3 +222,9 @@ def test_a_later_act_states_the_error_after_all_acts_before_it():
     both = ActWords(diagnosis(acts=(replace(REPAIR, with_before_um=1.2, with_before_u_um=0.3),))).next
     assert "act_with_before" in keys_of(both) and "1.2 ± 0.3 µm" in both
     assert "act_with_before" not in keys_of(alone)
+
+
+def test_an_act_that_alone_increases_the_error_comes_only_after_those_before_it():
+    act = replace(REPAIR, removes_um=-2.0, remains_um=7.0, with_before_um=1.2, with_before_u_um=0.3)
+    keys = keys_of(ActWords(diagnosis(acts=(act,))).next)
+    assert "act_only_with_before" in keys and "act_grows" not in keys

@@ -19,7 +19,8 @@ from analysis.apps.report.diagnosis_answer import answer_of, sections_of, summar
 from analysis.apps.report.html_page import environment
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, keys_of, texts_of
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
+from analysis.diagnosis.judge.budget_part import BudgetPart
+from analysis.diagnosis.judge.result import Condition, Diagnosis
 from rigs.effects import JointOffset, TransmissionError
 from tests.support.answers import printed
 from tests.support.every import in_every_language

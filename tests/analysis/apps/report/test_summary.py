@@ -16,8 +16,9 @@ from analysis.apps.session.session_state import Answer, Session, SessionAct, Ses
 from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.budget_part import BudgetPart, GroupMember
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
-from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember, Movement
+from analysis.diagnosis.judge.result import Condition, Movement
 from analysis.movement.between import with_movements
 from rigs.calibration import ModelAssessment
 from rigs.effects import ThermalGrowth, TransmissionError
@@ -92,6 +93,9 @@ def test_error_after_repair_and_correction_is_given_for_each_alone(language):
     alone = texts("each_by_itself", corrected="2.3 µm", repaired="2.8 µm")
     assert summarise(diagnosis(acts=(load, first, second)), texts).error.basis.endswith(alone)
     assert "3.4" in summarise(diagnosis(acts=(load, first)), texts).error.basis
+    cancelling = replace(second, removes_um=-2.0, with_before_um=0.3)
+    alone = texts("each_by_itself", corrected="2.3 µm", repaired="0.3 µm")
+    assert summarise(diagnosis(acts=(load, first, second, cancelling)), texts).error.basis.endswith(alone)
     plain = texts("basis_held_out")
     for acts in ((load,), (first,), (load, replace(first, removes_u_um=9.0)), (load, replace(first, place="used"))):
         assert summarise(diagnosis(acts=acts), texts).error.basis == plain

@@ -15,9 +15,11 @@ from analysis.diagnosis.judge.act_list import (
     in_order,
 )
 from analysis.diagnosis.judge.acts import Act, Against, JudgedOn
-from analysis.diagnosis.judge.certainty import is_sure
+from analysis.diagnosis.judge.budget_part import LEAST_SHARE, BudgetPart, GroupMember
+from analysis.diagnosis.judge.certainty import has_certain_name
+from analysis.diagnosis.judge.named import Rival
 from analysis.diagnosis.judge.residuals import Residual
-from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, GroupMember, Rival
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.verdict import Gaps, shows_time
 from analysis.diagnosis.plan.plan_next import _with_measure_first, parts_to_identify
 from analysis.runs.tables import CircleTable
@@ -105,7 +107,7 @@ def test_every_part_above_a_tenth_has_an_act_or_a_reason_and_every_remainder_its
 def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows():
     found = one_play()
     (play,) = found.effects
-    assert found.levels["others"] < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
+    assert found.levels["others"] < 0.2 and play.doubt == "usual" and has_certain_name(found, found.budget[0])
     assert found.condition != "undecided"  # what is sure is not doubted for having been driven once
     today, cause = found.acts[:2]
     assert (today.kind, cause.kind, cause.why) == ("approach", "repair", "not_enough")

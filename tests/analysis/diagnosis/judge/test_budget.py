@@ -2,7 +2,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
+from analysis.diagnosis.judge.budget_part import BudgetPart
+from analysis.diagnosis.judge.result import Diagnosis
 from rigs.effects import JointOffset
 from rigs.schema.effect import label_of
 from tests.support.diagnosis_cells import found_in, poses

@@ -8,7 +8,7 @@ from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.doubts import doubts_of_limits
-from analysis.diagnosis.judge.result import Named
+from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.verdict import standing_within
 from rigs.effects import Backlash, ClockRate, JointOffset, LinkGeometry
 from rigs.schema.effect import EffectProvenance, name_of
