@@ -7,6 +7,7 @@ change, and base and tool are fitted, so they do not count.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.robot.description.controller_constants import data_sheet_of
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, controller_arm, forward
 from analysis.robot.predict import model_of
+from analysis.runs.loading import Measured, rig_of
 from rigs.effects.link_geometry import LinkGeometry
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
@@ -72,11 +74,23 @@ def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
         raise FileError(name, problem, remedy, code="controller.other_arm")
 
 
-def doubt_constants_of_diagnosis(diagnosis: Diagnosis) -> str:
-    """Explain why the controller constants of a diagnosis may belong to another robot; empty if the links fit them.
+def controller_doubts(diagnosis: Diagnosis, runs: Iterable[Measured]) -> tuple[str, ...]:
+    """Doubts about the constants with which an arm was diagnosed from runs.
 
-    Raises FileError if the links are nearer to the data sheet than to these constants.
+    Raises FileError if its links are nearer to the data sheet than to these constants.
     """
+    doubts = (doubt_links(diagnosis), "" if any(map(_shows_data_sheet, runs)) else diagnosis.rig.controller_doubt)
+    return tuple(filter(None, doubts))
+
+
+def _shows_data_sheet(run: Measured) -> bool:
+    """True if the controller is simulated, or if its poses in the run are those of the data sheet."""
+    return run.is_simulated or (run.rig.controller == "data_sheet" and rig_of(run.run).robot.controller is None)
+
+
+def doubt_links(diagnosis: Diagnosis) -> str:
+    """Doubt about constants that the calibrated links contradict; empty if they fit. Raises FileError if the links are
+    farther from them than from the data sheet."""
     rig, calibrated = diagnosis.rig, diagnosis.calibrated
     if calibrated is None or not rig.has_controller_constants or rig.robot.linear_units:
         return ""

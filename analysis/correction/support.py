@@ -123,6 +123,17 @@ def reason_against_model(rig: Rig) -> str:
     return f"{judged.unexplained_um:.0f} µm have an unknown cause; {remainder} {where}"
 
 
+def reason_to_measure_first(rig: Rig) -> str:
+    """Why the gain of a model that may be used for a correction is not shown yet; empty if it is."""
+    judged = rig.calibrated.judged if rig.calibrated else None
+    if judged is None or not judged.measure_first:
+        return ""
+    left_out = "no reading was left out of the fit to show its error"
+    if judged.left_out_um is not None:
+        left_out = f"it misses left-out readings by {judged.left_out_um:.0f} µm rms, and they are few"
+    return f"the calibration asks for more readings before the model is used: {left_out}"
+
+
 def require_usable_model(rig: Rig, rig_file: str, *, anyway: bool) -> None:
     """Raise FileError if a rig's model must not be used for correction, unless `anyway`."""
     if (why := why_nothing(rig)) and not anyway:

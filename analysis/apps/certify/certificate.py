@@ -22,7 +22,7 @@ from analysis.apps.certify.target_errors import Cause, Work, causes_of, knowledg
 from analysis.apps.planning.next_reading import NextReading, ProgramReadings
 from analysis.apps.planning.possible_readings import poses_at
 from analysis.correction.pose_uncertainty import covered, pose_uncertainty, why_unknown
-from analysis.correction.support import supports, why_nothing
+from analysis.correction.support import reason_to_measure_first, supports, why_nothing
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.rig import Rig
 
@@ -94,7 +94,7 @@ def certify(
     if knowledge_of(rig) == "typical":
         unmeasured = why_nothing(rig) or "the arm was not measured, and its errors are those of a typical arm"
     else:
-        unmeasured, uncertainty = _why_not_shown(rig), pose_uncertainty(rig, supports(rig))
+        unmeasured, uncertainty = reason_to_measure_first(rig), pose_uncertainty(rig, supports(rig))
         of_runs = covered(uncertainty, at.q)
         inside = inside if of_runs is None else of_runs
         outside = {k: why for k, why in enumerate(why_unknown(rig, uncertainty, at.q)) if why}
@@ -133,17 +133,6 @@ def certify(
         return Certified(feature, now, corrected, cause, proposed, why, first)
 
     return [judged(feature) for feature in features]
-
-
-def _why_not_shown(rig: Rig) -> str:
-    """Why a model that may be used for a correction decides no feature yet; empty if it does."""
-    judged = rig.calibrated.judged if rig.calibrated else None
-    if judged is None or not judged.measure_first:
-        return ""
-    left_out = "no reading was left out of the fit to show its error"
-    if judged.left_out_um is not None:
-        left_out = f"it misses left-out readings by {judged.left_out_um:.0f} µm rms, and they are few"
-    return f"the calibration asks for more readings before the model is used: {left_out}"
 
 
 _MOST_POSTURES = 64

@@ -26,7 +26,7 @@ from analysis.apps.report.diagnosis_words import plain
 from analysis.apps.report.texts import ENGLISH, capital, joined
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.reasons import how_to_state_controller
-from analysis.correction.support import ANYWAY, Support, reason_against_model, why_nothing
+from analysis.correction.support import ANYWAY, Support, reason_against_model, reason_to_measure_first, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.robot.kinematics.arm import Array
@@ -58,6 +58,8 @@ def answer_of(corrections: Corrections) -> list[Block]:
     rig, blocks = corrections.rig, list[Block]()
     if corrections.uses_model and (why := why_nothing(rig)):
         blocks.append(Sentence(ENGLISH("correct_advised_against", why=why), "fail"))
+    elif why := _measure_first(corrections):
+        blocks.append(Sentence(ENGLISH("correct_measure_first", why=capital(why)), "doubt"))
     if not (corrections.uses_model and corrections.corrects_computed):
         blocks.append(Sentence(_first(corrections), "strong"))
         return [*blocks, *(block for program in corrections.programs for block in program_report.blocks(program))]
@@ -78,6 +80,10 @@ def answer_of(corrections: Corrections) -> list[Block]:
         unknown = ENGLISH("correct_controller_unknown", remedy=how_to_state_controller(rig))
         blocks.append(Sentence(unknown, "doubt"))
     return blocks
+
+
+def _measure_first(corrections: Corrections) -> str:
+    return reason_to_measure_first(corrections.rig) if corrections.uses_model else ""
 
 
 def _effect(support: Support, rig: Rig) -> Row:
@@ -246,6 +252,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
         "rig": corrections.rig.name,
         "verdict": "nothing" if why else "correct",
         "verdict_why": why or None,
+        "measure_first": _measure_first(corrections) or None,
         "controller_arm": corrections.rig.controller,
         "joint_zeros": [
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
@@ -290,6 +297,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     against = corrections.errors if why_nothing(corrections.rig) else corrections.in_vain
     if why := reason_against_model(corrections.rig) or (why_not(corrections) if corrections.errors else ""):
         lines.append(f"{capital(ANYWAY)}. Why: {why}.")
+    if why := _measure_first(corrections):
+        lines.append(f"{capital(why)}.")
     text = "".join(f"# {line}\n" for line in lines)
     text += yaml.safe_dump(for_json(contents), sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}

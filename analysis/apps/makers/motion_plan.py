@@ -15,6 +15,7 @@ from analysis.robot.kinematics.arm import Arm, Array, forward
 from analysis.robot.kinematics.newton import cancelling_axes, conditioning
 from rigs.schema.feedback import Feedback
 from rigs.schema.robot import LengthUnit
+from rigs.text import counted
 
 ZONE_MM = 0.3
 """Distance before the end of an arc at which the next may start, so that the tool does not stop. The corner deviates
@@ -121,6 +122,8 @@ class MotionPlan:
     """Unit of the lengths in the controller, if the rig file states it."""
     has_link: bool = True
     """False if the target of a tracker is mounted instead of a ball link."""
+    full_turns: tuple[int, ...] = ()
+    """Full turns of each joint between the posture that the rig file states for the lap and the lap as driven."""
 
 
 def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:
@@ -226,6 +229,7 @@ def seconds_of(plan: MotionPlan) -> float:
 
 def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str]:
     """Describe the demand in words. names (6): of the axes."""
+    start = np.degrees(start_of(plan).q)
     low, high, travel = np.degrees(demand.low), np.degrees(demand.high), np.degrees(demand.travel)
     room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))
     tight = int(room.argmin())
@@ -243,6 +247,12 @@ def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str
         lines.append(
             f"remove the link {demand.removals} times, because a singularity prevents the arm from following the sphere"
         )
+    lines += [
+        f"the lap fits the limits only {counted(abs(turns), 'full turn')} away from posture_deg: {names[axis]} starts "
+        f"at {start[axis]:z.0f}° and unwinds on the way there; make room for cables and hoses"
+        for axis, turns in enumerate(plan.full_turns)
+        if turns
+    ]
     lines += [
         f"{names[axis]} turns from {low[axis]:z.0f}° to {high[axis]:z.0f}°, {travel[axis] / 360:z.1f} turns "
         "in total: route cables and hoses accordingly"

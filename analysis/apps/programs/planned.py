@@ -165,7 +165,9 @@ def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int
     for number in range(2, circle.laps + 1):
         laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
         laps += [Comment(f"lap {number} of {circle.laps}"), *lap_arcs]
-    return _plan(rig, test, direction, outputs, pieces[0][0], laps)
+    away_rad = q[0 if direction == "acw" else -1] - np.radians(circle.posture_deg)
+    turns = np.rint(away_rad / (2 * np.pi)).astype(int)
+    return replace(_plan(rig, test, direction, outputs, pieces[0][0], laps), full_turns=tuple(turns.tolist()))
 
 
 def _arcs(pieces: list[_Piece], speed_mm_s: float) -> list[Step]:

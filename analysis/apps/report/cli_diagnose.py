@@ -95,7 +95,6 @@ def diagnose(
         two_arms_diagnosed(runs[0], rig_file, second, output, is_alone=not (hold_out or unseen), as_json=as_json)
         return
     import analysis
-    from analysis.correction.foreign_constants import doubt_constants_of_diagnosis
 
     # check before any computation; the import of the picture module takes half a second and happens only here
     if output:
@@ -112,8 +111,6 @@ def diagnose(
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
-    if doubt := doubt_constants_of_diagnosis(diagnosis):
-        say(f"doubt: {doubt}", err=True)
     say_diagnosis(diagnosis, output, as_json=as_json)
     if output:
         _write(diagnosis, uses, text, output, errors)

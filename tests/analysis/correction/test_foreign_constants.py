@@ -7,13 +7,14 @@ import pytest
 import yaml
 
 from analysis import diagnose
-from analysis.correction.foreign_constants import doubt_constants_of_diagnosis, refuse_constants_after_diagnosis
+from analysis.correction.foreign_constants import controller_doubts, refuse_constants_after_diagnosis
 from analysis.intake.controller_arm import rig_with_controller
 from rigs.arms import rig_text_of
 from rigs.edit import extended
 from rigs.effects import EffectProvenance, LinkGeometry
 from rigs.load import parse
 from tests.support.changed_rigs import with_robot
+from tests.support.handmade_diagnosis import diagnosis
 from tests.support.pose_runs import pose_run
 from tests.support.refusals import refused
 from tests.worlds.arms.independent_arm import cell, none, postures
@@ -102,15 +103,23 @@ def test_diagnosis_with_constants_of_another_robot_names_no_fault(fits):
     run = pose_run("ur10e", seen.q, seen.xyz_mm)
     axes = list(run.rig.robot.axes)
     axes[3] = axes[3].model_copy(update={"a_mm": axes[3].a_mm + (A4_MM if fits else -A4_MM)})
-    diagnosis = diagnose(run, rig=with_robot(run.rig, axes=tuple(axes), controller="constants"))
+    rig = with_robot(run.rig, axes=tuple(axes), controller="constants")
     if fits:
-        assert doubt_constants_of_diagnosis(diagnosis) == ""
+        assert not any("constants" in doubt for doubt in diagnose(run, rig=rig).doubts)
     else:
         with refused("controller.other_arm"):
-            doubt_constants_of_diagnosis(diagnosis)
+            diagnose(run, rig=rig)
 
 
 @pytest.mark.parametrize(("arm", "is_doubted"), [("ur10e", True), ("kuka-kr-10-r1100-2", False)])
 def test_stated_data_sheet_is_doubted_if_the_maker_measures_each_robot(arm, is_doubted):
     rig = with_robot(parse(rig_text_of(arm), "cell"), controller="data_sheet")
     assert bool(rig.controller_doubt) is is_doubted
+
+
+@pytest.mark.parametrize("is_shown", [False, True])
+def test_data_sheet_of_a_diagnosis_is_doubted_unless_a_run_shows_it(is_shown):
+    run = pose_run("ur10e", np.zeros((1, 6)), np.zeros((1, 3)))
+    stated = with_robot(run.rig, controller="data_sheet")
+    doubts = controller_doubts(diagnosis(rig=stated), [replace(run, rig=stated)] if is_shown else [run])
+    assert ["measures each robot" in doubt for doubt in doubts] == [True] * (not is_shown)

@@ -6,7 +6,7 @@ import pytest
 from analysis.apps.correct.correct_rig import correct_rig
 from rigs.calibration import ModelAssessment, ground_of
 from rigs.load import load
-from tests.support.command_line import ran
+from tests.support.command_line import json_of, ran
 from tests.support.handmade_calibration import calibrated_model, written
 
 SOUND = ModelAssessment(
@@ -60,3 +60,11 @@ def test_u_of_each_target_includes_the_unexplained_error(tmp_path):
         work = found.work.u_um, found.work.base.u_um
     np.testing.assert_allclose(u_mm[1] ** 2 - u_mm[0] ** 2, 3 * 0.2**2, rtol=1e-6)
     assert min(work) > 1e3 * 0.2
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_correction_says_that_more_must_be_measured_first(tmp_path, asks):
+    found = json_of(f"correct {_cell(tmp_path, measure_first=asks)} -o {tmp_path / 'out'}")
+    assert bool(found["measure_first"]) is asks
+    assert ("correct_measure_first" in {key for block in found["blocks"] for key in block.get("keys", ())}) is asks
+    assert ("# The calibration asks for more readings" in (tmp_path / "out" / "corrections.yaml").read_text()) is asks

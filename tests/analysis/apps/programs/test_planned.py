@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.makers.emulated import OperatorPause, RegisterOutput, Switched
-from analysis.apps.makers.motion_plan import Hold, Signal, demand_lines, demand_of
+from analysis.apps.makers.motion_plan import Hold, Signal, demand_lines, demand_of, start_of
 from analysis.apps.makers.tool_paths import circular_path
 from analysis.apps.makers.writing import feedback_note
 from analysis.apps.programs.planned import plans_of
@@ -150,6 +150,24 @@ def test_the_turns_of_the_wrist_are_reported():
     ways = 2 * 2 - 1
     assert f"{ways * 384 / 360:.1f} turns " in turning
     assert demand.distance_mm == pytest.approx([70, 70], abs=1e-3)
+
+
+@pytest.mark.parametrize("direction", [0, 1])
+@pytest.mark.parametrize("turns", [0, -1])
+def test_wrist_that_unwinds_before_a_lap_is_reported(direction, turns):
+    rig = rig_with()
+    posture = (*rig.tests.circle.posture_deg[:5], rig.tests.circle.posture_deg[5] + 360 * turns)
+    circle = rig.tests.circle.model_copy(update={"posture_deg": posture})
+    plan = plans_of(rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})}), "yaw", 3.0)[
+        direction
+    ]
+    start = f"wrist 3 starts at {np.degrees(start_of(plan).q[5]):z.0f}°"
+    lines = [
+        line
+        for line in demand_lines(plan, demand_of(plan), [axis.name for axis in rig.robot.axes])
+        if "unwinds" in line
+    ]
+    assert [start in line for line in lines] == [True] * abs(turns)
 
 
 def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans():

@@ -14,9 +14,11 @@ from analysis.cli import dialogue
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.point_origins import ChangedArm, ConvertedPoints
 from analysis.correction.support import supports
+from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.edit import extended
 from rigs.effects import JointOffset
 from tests.analysis.apps.correct.programs.cells import write_files
+from tests.analysis.apps.correct.test_linuxcnc import rig_at
 from tests.support.command_line import errors_of, failure_of, json_of, succeeded
 from tests.support.refusals import refused
 from tests.support.stated_controller import load
@@ -164,6 +166,28 @@ def test_written_values_are_read_as_they_were_computed(maker, tmp_path):
     assert done.any()
     np.testing.assert_allclose(new.q[done], entered.q[done], atol=1e-9)
     np.testing.assert_allclose(new.T[done], entered.T[done], atol=1e-5)
+
+
+def test_table_of_constants_states_the_change_from_the_controller(tmp_path):
+    rig = known(rig_of("ur10e"))
+    correction_report.write(correct_rig(rig, None), tmp_path)
+    (constant,) = values_in(rig, tmp_path / "dh.csv").constants
+    assert (constant.axis, constant.field, constant.delta) == (3, "a", pytest.approx(0.4, abs=1e-9))
+    assert values_in(rig, tmp_path / "corrections.yaml").constants == (constant,)
+
+
+@pytest.mark.parametrize("name", ["rig-arm.hal", "home-offsets.ini"])
+@pytest.mark.parametrize("unit", ["mm", "inch"])
+def test_files_of_linuxcnc_state_pins_and_home_offsets_together(tmp_path, name, unit):
+    arm = tmp_path / unit
+    arm.mkdir()
+    rig = rig_at(arm, unit, EFFECTS[:3])
+    correction_report.write(correct_rig(rig, None, "linuxcnc"), tmp_path / "out")
+    change, stated = (values_in(rig, tmp_path / "out" / file) for file in (name, "corrections.yaml"))
+    q = np.radians([[2.0, 45, -3, 180, 42, 2], [20, 30, 10, 160, -30, 40]])
+    new, same = (ConvertedPoints(rig, each).renew(q, forward(arm_of(rig.robot), q)) for each in (change, stated))
+    np.testing.assert_allclose(new.T, same.T, atol=1e-5)
+    assert np.abs(np.degrees(new.q - q)).max() > 0.01
 
 
 def test_new_constants_do_not_change_joint_targets(cell):
