@@ -54,7 +54,7 @@ _SWING_RAD = np.radians(5.0)
 """Distance over which a joint approaches from the given side. Chosen: wider than the backlash of any arm."""
 _LEVEL = 1.0
 """Size of typical errors relative to a healthy arm. For 1 the model of a UR10 has 1.0 mm rms over its work space;
-measured nominal errors of a UR10 are 0.8 to 1.1 mm (docs/trials.md)."""
+measured nominal errors of a UR10 are 0.8 to 1.1 mm (docs/evidence/real-arms.md)."""
 _SAMPLE = 40
 """Number of postures at which time-dependent effects are evaluated; they hardly depend on the posture."""
 

@@ -43,7 +43,7 @@ _POSE_MIN, TOUCH_MIN, _CIRCLE_RUNS = 1.5, 0.5, 1
 _ABOVE_MM = 50.0
 """Least height of elbow and wrist above the mounting plane at a touch: sockets stand on the table."""
 _LEVEL = 5.0
-"""Size of unknown errors, in healthy sizes, by the angles of a real UR10 (docs/trials.md)."""
+"""Size of unknown errors, in healthy sizes, by the angles of a real UR10 (docs/evidence/ur10.md)."""
 _SET_UP_SIGMA = 30.0
 """Prior of instrument and target, in noise standard deviations of a reading: practically unknown, without rounding
 errors."""
