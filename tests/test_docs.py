@@ -3,7 +3,6 @@ import re
 import runpy
 from functools import cache
 from pathlib import Path
-from typing import get_args
 
 import pytest
 import yaml
@@ -11,9 +10,7 @@ from typer.testing import CliRunner
 
 from analysis.cli.commands import app
 from daq.service.rigd import app as rigd_app
-from rigs.interfaces import NO_DEFAULT, list_interfaces, models, name_of
 from rigs.load import SHIPPED, parse
-from rigs.schema.gauges import Gauge
 from tests.support.command_line import all_imported
 from tests.trials import wire_peers
 
@@ -80,34 +77,6 @@ def test_the_index_lists_every_page():
     linked = set(re.findall(r"\]\(([^)#:]+)", (ROOT / "docs" / "README.md").read_text()))
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.is_relative_to(ROOT / "docs")}
     assert {page for page in pages if not page.startswith("decisions/")} - linked == {"README.md"}
-
-
-def _rows() -> dict[str, list[str]]:
-    text = (ROOT / "docs" / "rig-file.md").read_text().partition("## gauges")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `(\w+)` \| (.*)\|$", text, re.M)
-    return {name: [cell.strip() for cell in cells.split("|")] for name, cells in rows}
-
-
-def _choices(name: str) -> set[str]:
-    (model,) = (one for one in models(Gauge) if name_of(one) == name)
-    kinds = [get_args(field.annotation) for field in model.model_fields.values()]
-    return {word for kind in kinds for word in kind if isinstance(word, str)}
-
-
-@pytest.mark.parametrize(
-    "interface", [one for one in list_interfaces() if one.kind == "gauge"], ids=lambda one: one.name
-)
-def test_the_table_of_gauges_is_the_schema(interface):
-    what, line, keys = _rows()[interface.name]
-    assert line == ("to be given" if interface.line == NO_DEFAULT else interface.line)
-    own, listed = set(interface.keys) - {"line", "units"}, set(re.findall(r"`(\w+)`", keys))
-    assert own <= listed <= own | _choices(interface.name)
-    standing = interface.origin.standing
-    assert ("(" + standing + ")" in what) == (standing != "confirmed")
-
-
-def test_the_table_of_gauges_names_no_other():
-    assert list(_rows()) == [one.name for one in list_interfaces() if one.kind == "gauge"]
 
 
 # --- pages that are made
