@@ -1,5 +1,5 @@
 import datetime as dt
-import re
+import runpy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
 
-PAGE = (Path(__file__).parents[1] / "docs" / "calibration.md").read_text()
-READER: dict[str, Any] = {}
-exec("\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.S)), READER)  # noqa: S102 - the page's own code, run as it stands
+READER: dict[str, Any] = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "calibration_reader.py"))
 
 NAMED = yaml.safe_load("""
 - {effect: transmission_error, axis: 2, order: 1.3, amplitude_deg: 0.03, phase_deg: 40, third: 0.2}
