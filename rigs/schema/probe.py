@@ -154,7 +154,7 @@ class Timing(Part):
     cycle_ms: float | None = Field(default=None, gt=0, le=10_000)
     """Length of an internal cycle, or the interval of a streaming gauge."""
     filter_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """Group delay of the averaging filter. For a moving average over n cycles it is (n - 1)/2 cycles."""
+    """Group delay of the averaging filter. For a moving average over n cycles it is (n-1)/2 cycles."""
     filter_u_ms: float | None = Field(default=None, ge=0, le=10_000)
     """Standard uncertainty of the group delay; one tenth by default."""
     answer_delay_ms: float = Field(default=0.0, ge=0, le=10_000)

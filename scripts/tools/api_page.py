@@ -41,7 +41,8 @@ failure is a `RigError` with `code`, `where`, `what` and `remedy` ([error codes]
 This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.
 """
 _LONGEST = 100
-_SECTIONS = ("Returns ", "Raises ", "Example:")
+_SECTIONS = ("Returns ", "Raises ")
+_HEADINGS = ("Example:",)
 _LEFT_OUT = "Source: "
 """Paragraph of a docstring for readers of the code."""
 _EVERYWHERE = {"to_frame()"}
@@ -73,7 +74,7 @@ def _function(function: Callable[..., Any]) -> str:
 def _paragraphs(documented: object) -> list[str]:
     """Paragraphs of a docstring as Markdown, without the sources."""
     paragraphs = (inspect.getdoc(documented) or "").split("\n\n")
-    return [_block(one) for one in paragraphs if not one.startswith(_LEFT_OUT)]
+    return [_block(one) for one in paragraphs if one not in _HEADINGS and not one.startswith(_LEFT_OUT)]
 
 
 def _signature(function: Callable[..., Any]) -> str:
@@ -138,13 +139,14 @@ def _class(found: type) -> str:
     entries |= {name: f": {_prose(text)}" for name, text in _documented_fields(found)}
     alike: dict[str, list[str]] = {}
     for field in dataclasses.fields(found) if dataclasses.is_dataclass(found) else ():
-        alike.setdefault(entries.pop(field.name, ""), []).append(f"`{field.name}: {field.type}`")
+        text = entries.pop(field.name, "")
+        alike.setdefault(text, []).append(f"`{field.name}`" if text else f"`{field.name}: {field.type}`")
     for name, text in entries.items():
         alike.setdefault(text, []).append(f"`{name}`")
     for name, text in _members(found):
-        if name not in _EVERYWHERE:
+        if name not in _EVERYWHERE and not text.startswith("Deprecated"):
             alike.setdefault(f": {_prose(text)}", []).append(f"`{name}`")
-    prose = [_block(one) for one in paragraphs if not _entries(one)]
+    prose = [_block(one) for one in paragraphs if one not in _HEADINGS and not _entries(one)]
     return "\n\n".join([f"### {found.__name__}", *prose, *([_items(alike)] if alike else [])]) + "\n"
 
 

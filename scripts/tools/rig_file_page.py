@@ -36,7 +36,7 @@ _BOUNDS = {
     "maximum": "to {:.7g}",
     "exclusiveMaximum": "below {:.7g}",
 }
-_NAMED_RANGES = {"number -100000 to 100000": "length", "number -1440 to 1440": "angle"}
+_NAMED_RANGES = {"-100000 to 100000": "length", "-1440 to 1440": "angle"}
 """Bounds of most keys; the head of the page defines the names."""
 _KINDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true` or `false`"}
 _WRITTEN = {"Line": "line settings", "Limit": "number, which is `fail`, or {}"}
@@ -44,6 +44,8 @@ _WRITTEN = {"Line": "line settings", "Limit": "number, which is `fail`, or {}"}
 _CHOOSERS = ("interface", "effect")
 """Keys whose value selects the kind of a mapping."""
 _LONGEST_DEFAULT = 40
+_SOURCE = "Healthy value"
+"""Beginning of the origin of a prior size in the docstring of an effect, for readers of the code."""
 _SIMILAR = 3
 """Number of equal keys from which a section refers to an earlier one instead of listing them."""
 
@@ -106,7 +108,7 @@ def _sections(root: Model) -> Iterator[str]:
 def _keys(model: Model, schema: Schema, places: dict[str, str]) -> dict[str, Key]:
     docs = _docstrings(model)
     return {
-        key: Key(f"{_kind(given, places)}{_default(model.model_fields[key])}", docs.get(key, ""))
+        key: Key(_with_default(_kind(given, places), model.model_fields[key]), docs.get(key, "").partition(_SOURCE)[0])
         for key, given in schema["properties"].items()
         if key not in _CHOOSERS
     }
@@ -139,7 +141,7 @@ def _find_places(schema: Schema, path: str, definitions: dict[str, Schema], plac
                 continue
             keys = definitions[name]["properties"]
             chosen = [keys[one]["const"] for one in _CHOOSERS if one in keys]
-            where = here.replace("gauges.g1", "gauges.g1 to g8")  # all belong to one union, first found in g1
+            where = here.replace("gauges.g1", "gauges")  # all gauges belong to one union, first found in g1
             places[name] = f"{where}: {chosen[0]}" if len(references) > 1 and chosen else where
             _find_places(definitions[name], here, definitions, places)
 
@@ -234,8 +236,9 @@ def _plain(given: Schema, places: dict[str, str]) -> str:
     bounds = [words.format(given[key]) for key, words in _BOUNDS.items() if key in given]
     if len(bounds) == 1 and "minimum" in given:
         bounds.insert(0, "from")
-    kind = " ".join(["date" if given.get("format") == "date" else _KINDS[given["type"]], *bounds])
-    return _NAMED_RANGES.get(kind, kind)
+    if bounds and given["type"] == "number":
+        return _NAMED_RANGES.get(" ".join(bounds), " ".join(bounds))
+    return " ".join(["date" if given.get("format") == "date" else _KINDS[given["type"]], *bounds])
 
 
 def _list(given: Schema, places: dict[str, str]) -> str:
@@ -244,7 +247,7 @@ def _list(given: Schema, places: dict[str, str]) -> str:
         return f"list of {len(given['prefixItems'])}: {', '.join(kinds)}"
     exactly = given.get("minItems") if given.get("minItems") == given.get("maxItems") else None
     kind = f"list{'' if exactly is None else f' of {exactly}'}: {_kind(given['items'], places)}"
-    return kind.replace("list: list: ", "list of lists: ")
+    return kind.replace("list: list", "list of lists")
 
 
 def _mapping(name: str, places: dict[str, str]) -> str:
@@ -258,19 +261,24 @@ def _anchor(title: str) -> str:
     return kept.replace(" ", "-")
 
 
-def _default(field: FieldInfo) -> str:
+def _with_default(kind: str, field: FieldInfo) -> str:
     if field.is_required():
-        return " (**required**)"
+        return f"{kind} (**required**)"
+    written = _written_default(field)
+    if not written or len(written) > _LONGEST_DEFAULT:
+        return kind
+    if f"`{written}`, " in f"{kind}, ":
+        return kind.replace(f"`{written}`", f"`{written}` (default)", 1)
+    return f"{kind}, default `{written}`"
+
+
+def _written_default(field: FieldInfo) -> str:
     value = field.get_default(call_default_factory=True)
     if value in (None, PydanticUndefined, "", (), {}):
         return ""
     if isinstance(value, BaseModel):
-        written = str(value) if type(value).__str__ is not BaseModel.__str__ else ""
-    elif isinstance(value, tuple):
-        written = f"[{', '.join(map(_plainly, value))}]"
-    else:
-        written = _plainly(value)
-    return f", default `{written}`" if written and len(written) <= _LONGEST_DEFAULT else ""
+        return str(value) if type(value).__str__ is not BaseModel.__str__ else ""
+    return f"[{', '.join(map(_plainly, value))}]" if isinstance(value, tuple) else _plainly(value)
 
 
 def _plainly(value: object) -> str:
