@@ -138,7 +138,7 @@ def save_run(run: Measured, directory: str | Path) -> Path:
             str(run.path),
             "is a recorded run, but only the table was read",
             "copy the directory of the run",
-            code="api.recorded_run",
+            code="argument.invalid",
         )
     write_table_run(run.run, path, run.rig.companion_files)
     return path
@@ -392,7 +392,7 @@ def _require(name: str, value: object, expected: str, *, fits: bool) -> None:
     """Raise UseError for an argument that does not fit."""
     if not fits:
         raise UseError(
-            name, f"must be {expected}, but is {shorten(repr(value), 60)}", f"give {expected}", code="api.value"
+            name, f"must be {expected}, but is {shorten(repr(value), 60)}", f"give {expected}", code="argument.invalid"
         )
 
 
@@ -408,7 +408,10 @@ def _path(path: str | Path, name: str) -> Path:
     """An argument as a path. Raises UseError for any other type."""
     if not isinstance(path, str | Path):
         raise UseError(
-            name, f"must be a path, but has the type {type(path).__name__}", "give a string or a Path", code="api.type"
+            name,
+            f"must be a path, but has the type {type(path).__name__}",
+            "give a string or a Path",
+            code="argument.invalid",
         )
     return path if isinstance(path, Path) else Path(path)
 
@@ -418,11 +421,11 @@ def _run(run: AnyRun) -> Measured:
     if isinstance(run, str | Path):
         if Path(run).is_file():
             remedy = f'read it first: read_table("{run}", rig="cell.yaml"), and give the result'
-            raise UseError(str(run), "is a file, and a run is a directory", remedy, code="api.type")
+            raise UseError(str(run), "is a file, and a run is a directory", remedy, code="argument.invalid")
         return load_run(run)
     if not isinstance(run, Measured):
         remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"
-        raise UseError("run", f"must be a run, but has the type {type(run).__name__}", remedy, code="api.type")
+        raise UseError("run", f"must be a run, but has the type {type(run).__name__}", remedy, code="argument.invalid")
     return run
 
 
@@ -440,7 +443,7 @@ def _test(test: TestName) -> TestName:
             "test",
             f"{test!r} is not a test",
             f"give one of {', '.join(get_args(TestName))}",
-            code="request.unknown_test",
+            code="request.invalid",
         )
     return test
 
@@ -451,7 +454,7 @@ def _direction(direction: str | None) -> Direction | None:
         return None
     way = direction_of(str(direction))
     if way is None:
-        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw", code="request.direction")
+        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw", code="request.invalid")
     return way
 
 
@@ -462,7 +465,7 @@ def _silent(doing: str) -> None:
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
     """Given rig, or the rig of the first run. Raises FileError for an empty list of runs."""
     if not runs:
-        raise FileError("runs", "none is given", "give one or more", code="api.none_given")
+        raise FileError("runs", "none is given", "give one or more", code="argument.invalid")
     if rig is None:
         return runs[0].rig
     return rig if isinstance(rig, Rig) else load(_path(rig, "rig"))[0]

@@ -41,7 +41,7 @@ def with_values(
             where,
             "uses a YAML anchor or a layout that cannot be edited automatically",
             remedy,
-            code="rig_file.not_editable",
+            code="rig_file.invalid",
         )
     return edited
 

@@ -1,8 +1,8 @@
 """Exceptions: every expected failure is a `RigError`, reported in a single line with an exit code.
 
 A message contains the affected object, the problem and the remedy. Programs print it and exit with `exit_code`; with
-`--json` they print `RigError.to_dict`. Scripts and tests compare `code`, never the text. `docs/errors.md` lists all
-codes. Any other traceback shown to a user is a bug.
+`--json` they print `RigError.to_dict`. Scripts and tests compare `code`, never the text; `rigs/error_codes.py` lists
+all codes. Any other traceback shown to a user is a bug.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RigError(Exception):
     where: affected object (file, port, gauge).
     what: description of the problem.
     remedy: action for the user.
-    code: kind of the problem, `area.problem` such as `gauge.silent`; without one that of the class.
+    code: what a script can do about it, one of `ERROR_CODES`; without one that of the class.
 
     Example:
 
@@ -97,7 +97,7 @@ class PathError(FileError):
     """An arm cannot follow a path of a rig file. reason: obstacle, for decisions in code."""
 
     def __init__(self, where: str, what: str, remedy: str, reason: Undrivable) -> None:
-        super().__init__(where, what, remedy, code=f"path.{reason}")
+        super().__init__(where, what, remedy, code="path.impossible")
         self.reason = reason
 
 
@@ -105,7 +105,7 @@ class DirectionError(FileError):
     """A circle was driven against the direction in the label. drove: actual direction."""
 
     def __init__(self, where: str, what: str, remedy: str, drove: Literal["cw", "acw"]) -> None:
-        super().__init__(where, what, remedy, code="run.direction")
+        super().__init__(where, what, remedy, code="readings.unsuitable")
         self.drove = drove
 
 

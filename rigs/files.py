@@ -46,7 +46,7 @@ def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
         status = os.fstat(fd)
         if not stat.S_ISREG(status.st_mode):
             problem = "is a directory" if stat.S_ISDIR(status.st_mode) else "is not a regular file"
-            raise FileError(str(path), problem, "give a file", code="file.not_regular")
+            raise FileError(str(path), problem, "give a file", code="file.invalid")
         file.seek(begin)
         try:
             return file.read(most), status.st_size
@@ -60,7 +60,7 @@ def read_text(path: Path, most: int) -> str:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
         raise FileError(
-            str(path), f"is not UTF-8 at byte {error.start}", "save it as UTF-8", code="file.not_utf8"
+            str(path), f"is not UTF-8 at byte {error.start}", "save it as UTF-8", code="file.invalid"
         ) from None
 
 
@@ -69,7 +69,7 @@ def out_of_memory(path: Path) -> FileError:
         str(path),
         "cannot be read: not enough memory",
         "close other programs, or use a different computer",
-        code="computer.memory",
+        code="computer.unsuitable",
     )
 
 
@@ -86,6 +86,6 @@ def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> 
                 where,
                 problem,
                 "install the newest rig on this computer, or use the original computer",
-                code="file.newer_version",
+                code="file.invalid",
             )
     return None

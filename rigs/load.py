@@ -132,7 +132,7 @@ def _find_file(
         return files[file_name]
     if path.is_dir():
         raise FileError(
-            str(name), f"is a directory, not a {kind}", "give a file in that directory", code="file.is_directory"
+            str(name), f"is a directory, not a {kind}", "give a file in that directory", code="file.invalid"
         )
     arms = ", or an arm of the library (rig arms lists them)" if offered else ""
     meant = f"did you mean {' or '.join(near)}? Otherwise " if (near := nearest(str(name), files)) else ""
@@ -154,7 +154,7 @@ def load(name: str | Path) -> tuple[Rig, str]:
         calibration_path = path.parent / rig.calibration.file
         content = _calibration(calibration_path, rig.calibration)
         for why in contradictions(content, rig):
-            raise FileError(str(calibration_path), why, _REMEDY, code="calibration.contradicts_rig")
+            raise FileError(str(calibration_path), why, _REMEDY, code="calibration.invalid")
         rig = rig.with_calibration(rig.calibration, content)
     return rig, text
 
@@ -181,7 +181,7 @@ def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
         ) from None
     if hashlib.sha256(data).hexdigest() != named.sha256:
         problem = "was changed or replaced: the SHA-256 differs from that in the rig file"
-        raise FileError(str(path), problem, _REMEDY, code="calibration.changed")
+        raise FileError(str(path), problem, _REMEDY, code="calibration.invalid")
     try:
         _keep(_calibrations, named.sha256, CalibratedModel.read(data))
         return _calibrations[named.sha256]
@@ -191,7 +191,7 @@ def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise FileError(
-            str(path), f"is not a calibration: {place}: {first['msg']}", "diagnose again", code="calibration.damaged"
+            str(path), f"is not a calibration: {place}: {first['msg']}", "diagnose again", code="calibration.invalid"
         ) from None
 
 
@@ -205,7 +205,7 @@ def _text(path: Path) -> str:
         if path.is_file() and read_from(path, 0, len(_ARCHIVE))[0] == _ARCHIVE:
             remedy = "give the rig file; rig import reads tables"
             raise FileError(
-                str(path), "is a workbook or an archive, not a rig file", remedy, code="rig_file.is_archive"
+                str(path), "is a workbook or an archive, not a rig file", remedy, code="rig_file.invalid"
             ) from None
         raise
     except OSError as error:
@@ -267,7 +267,7 @@ def _refuse_other_texts(text: str, where: str) -> None:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
     if not lines:
         raise FileError(
-            where, "is empty, not a rig file", "create a rig file with rig init cell.yaml", code="rig_file.empty"
+            where, "is empty, not a rig file", "create a rig file with rig init cell.yaml", code="rig_file.invalid"
         )
     for separator in _SEPARATORS:
         columns = lines[0].count(separator)
@@ -280,7 +280,7 @@ def _refuse_other_texts(text: str, where: str) -> None:
                 where,
                 f"is a table of {columns + 1} columns ({shown}), not a rig file",
                 remedy,
-                code="rig_file.is_table",
+                code="rig_file.invalid",
             )
 
 
@@ -302,7 +302,7 @@ def load_hidden(name: str | Path) -> Hidden:
             str(path),
             "lacks the key effects",
             "write effects: [{effect: …}], or effects: [] without effects",
-            code="rig_file.no_effects",
+            code="rig_file.invalid",
         )
     if "robot" in data:
         data = {"effects": data.get("effects")}

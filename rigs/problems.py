@@ -74,7 +74,7 @@ class RigFileError(FileError):
     def __init__(self, path: str, problems: list[Problem]) -> None:
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
         listed = " | ".join(map(str, problems))
-        super().__init__(path, f"{count}: {listed}", "correct the file", code="rig_file.value")
+        super().__init__(path, f"{count}: {listed}", "correct the file", code="rig_file.invalid")
         self.problems = problems
 
     def lines(self) -> list[str]:

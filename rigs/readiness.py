@@ -30,7 +30,7 @@ class MissingEntry:
 
     def error(self, rig: Rig) -> FileError:
         remedy = f"{cell_hint(rig)}{self.remedy}"
-        return FileError(RigPlace.of(rig.name), self.problem, remedy, code="rig_file.not_ready")
+        return FileError(RigPlace.of(rig.name), self.problem, remedy, code="rig_file.invalid")
 
 
 def cell_hint(rig: Rig) -> str:

@@ -64,7 +64,7 @@ def main() -> None:
             raise
         command = " ".join(["rig", *sys.argv[1:2]])
         remedy = "run the command on the computer of the cell; this computer analyses saved runs"
-        _fail(CellError(command, f"needs Linux: {error.msg}", remedy, code="computer.not_linux"))
+        _fail(CellError(command, f"needs Linux: {error.msg}", remedy, code="computer.unsuitable"))
     except BrokenPipeError:
         sys.exit(0)
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
@@ -73,7 +73,7 @@ def main() -> None:
         if not is_numerical(error):
             raise
         problem, remedy = f"the computation failed: {error}", "check the values in the rig file and in the runs"
-        _fail(FileError("numbers", problem, remedy, code="computation.failed"))
+        _fail(FileError("numbers", problem, remedy, code="process.failed"))
     except (MemoryError, OSError) as error:
         _out_of_room(error)
     finally:
@@ -83,7 +83,7 @@ def main() -> None:
 def _out_of_room(error: MemoryError | OSError) -> NoReturn:
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
         remedy = "close other programs, or give fewer or shorter runs"
-        _fail(CellError("memory", "the memory or disk is too small", remedy, code="computer.memory"))
+        _fail(CellError("memory", "the memory or disk is too small", remedy, code="computer.unsuitable"))
     if error.errno not in _NO_ROOM or error.filename is not None:
         raise error
     problem, remedy = error.strerror or str(error), "free some space, or choose a different --output"

@@ -50,13 +50,13 @@ def check(
     if runs and len(runs) < len(arguments):
         not_a_run = next(argument for argument in arguments if not Path(argument).is_dir())
         remedy = "check a rig file by itself, or runs"
-        raise UseError(not_a_run, "is not a directory with runs", remedy, code="check.mixed")
+        raise UseError(not_a_run, "is not a directory with runs", remedy)
     if runs:
         _check_runs(runs, as_json=as_json)
         return
     if len(arguments) > 1 or as_json:
         remedy = "check one rig file at a time, without --json"
-        raise UseError(arguments[0], "is not a directory with runs", remedy, code="check.mixed")
+        raise UseError(arguments[0], "is not a directory with runs", remedy)
     _check_rig(arguments[0], calibration)
 
 
@@ -94,7 +94,7 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
 
     rig, _ = load(with_controller(rig_file, calibration))
     tests, undrivable = feasible_tests(rig, rig_file)
-    lacks = [FileError(rig_file, lack.problem, lack.remedy, code="rig_file.not_ready") for lack in unmeasurable(rig)]
+    lacks = [FileError(rig_file, lack.problem, lack.remedy, code="rig_file.invalid") for lack in unmeasurable(rig)]
     errors = [*lacks, *undrivable]
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'valid'}")
     unreachable = {error.where.rpartition("tests.")[2] for error in errors if "tests." in error.where}

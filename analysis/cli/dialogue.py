@@ -41,7 +41,7 @@ class Dialogue:
         if not self.terminal:
             if usual is None:
                 problem = "is missing, and rig cannot ask without a terminal"
-                raise UseError(option, problem, f"give {option}", code="answer.no_terminal")
+                raise UseError(option, problem, f"give {option}", code="answer.missing")
             return read(usual)
         explained, _, asked = question.rpartition("\n")
         for line in explained.splitlines():  # `say` prints single lines and escapes line breaks

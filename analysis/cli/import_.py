@@ -58,19 +58,19 @@ def mapped_run(
         table_map = load_map(map_file)
         if topic:
             problem = "is already in the map (topic of a file)"
-            raise UseError("--topic", problem, "remove the option, or change the map", code="import.in_map")
+            raise UseError("--topic", problem, "remove the option, or change the map", code="file.invalid")
         if socket:
             remedy = "remove the option, or change the constants in the map"
-            raise UseError("--socket", "is already in the map", remedy, code="import.in_map")
+            raise UseError("--socket", "is already in the map", remedy, code="file.invalid")
         if join and join != table_map.join:
             problem = f"is {join}, but the map joins by {table_map.join or 'nothing'}"
-            raise UseError("--join", problem, "remove it", code="import.in_map")
+            raise UseError("--join", problem, "remove it", code="file.invalid")
     elif not join and needs_touch_map(files[0], test, socket):
         table_map = propose_touch_map(files[0], load(rig_file)[0], test, socket)
         _say_map(table_map)
     elif test != MAPPED:
         remedy = "write one and give it with --map (docs/tables.md)"
-        raise UseError("--join", f"needs a map of a {test} table", remedy, code="import.no_map")
+        raise UseError("--join", f"needs a map of a {test} table", remedy, code="file.invalid")
     else:
         table_map = _proposed(files, rig_file, join, run, topic=topic, yes=yes)
     with progress_of(f"reading {files[0]}"):
@@ -108,7 +108,7 @@ def _answer_of(question: Question) -> Callable[[str], TableReading]:
     def read(text: str) -> TableReading:
         if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
             problem = f"{text!r} is not a number in the list"
-            raise UseError(question.key, problem, f"give 1 to {len(question.readings)}", code="answer.choice")
+            raise UseError(question.key, problem, f"give 1 to {len(question.readings)}")
         return question.readings[int(text) - 1]
 
     return read
@@ -124,7 +124,7 @@ def _refuse(proposal: MapProposal, run: Path, files: Sequence[Path]) -> None:
     write_new(path, holding(map_text(proposal.table_map, choices).encode()))
     problem = f"has open questions ({proposal.asks}), and rig cannot ask without a terminal"
     remedy = f"write the answer in place of the ? in {path}, and give it with --map"
-    raise FileError(str(files[0]), problem, remedy, code="map.questions")
+    raise FileError(str(files[0]), problem, remedy, code="table.unclear")
 
 
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
@@ -217,8 +217,8 @@ def import_(
 def _refuse_other_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
     if direction and test not in CIRCLES:
         problem = f"a {test} test does not have a direction"
-        raise UseError("--direction", problem, "remove it", code="import.option_unused")
+        raise UseError("--direction", problem, "remove it")
     if socket and SOCKET not in format_of(test).layout().required:
-        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it", code="import.option_unused")
+        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it")
     if topic and test != MAPPED:
-        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it", code="import.option_unused")
+        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it")

@@ -149,7 +149,7 @@ def automatic(
     except ValidationError as error:
         where, problem = ", ".join(map(str, paths)), error.errors(include_url=False)[0]["msg"]
         remedy = "give one run of each program"
-        raise FileError(where, problem.removeprefix("Value error, "), remedy, code="rule.invalid") from None
+        raise FileError(where, problem.removeprefix("Value error, "), remedy, code="rig_file.invalid") from None
     say("automatic:")
     say("  rules:")
     for rule in rules:

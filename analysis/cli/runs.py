@@ -107,7 +107,7 @@ def _recover(path: Path) -> None:
         for line in verdict.problems:
             say(line, err=True)
         problem = "is still incomplete, and the rest is unrecoverable"
-        raise FileError(str(path), problem, "see the lines above", code="run.not_recovered")
+        raise FileError(str(path), problem, "see the lines above", code="run.damaged")
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 

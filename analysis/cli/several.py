@@ -143,7 +143,9 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
     for path in (path for path in paths if not path.exists()):
         if str(path) in arm_names():
             problem = "is an arm of the library, not a run"
-            raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="run.arm_name")
+            raise UseError(
+                str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="readings.unsuitable"
+            )
         if path.suffix.lower() in _TABLES:
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
             raise FileError(str(path), "no such file or directory", remedy, code="file.missing")
@@ -161,7 +163,7 @@ def with_controller(rig_file: str | None, calibration: str | None) -> str | None
         return rig_file
     if rig_file is None:
         remedy = "give --arm NAME or --rig CELL.yaml too"
-        raise UseError("--calibration", "needs the arm that it belongs to", remedy, code="calibration.no_arm")
+        raise UseError("--calibration", "needs the arm that it belongs to", remedy, code="arm.invalid")
     from analysis.intake.controller_arm import rig_with_controller
     from analysis.runs.written_files import holding, write_new
     from rigs.load import find, load
@@ -200,7 +202,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
     if rig_file is None:
         problem = "is a table without an arm"
         remedy = "give --rig CELL.yaml, or --arm NAME (listed by rig arms)"
-        raise FileError(str(table), problem, remedy, code="table.no_arm")
+        raise FileError(str(table), problem, remedy, code="table.unclear")
     measured = read_table(table, rig_file)
     kind = f"a {measured.run.manifest.test} table of {Path(rig_file).name}"
     say(f"{table}: read as {kind}, according to the columns", err=True)

@@ -105,7 +105,7 @@ class CalibratedArm:
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
         if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
             problem = f"must be finite joint angles (n, {widths[-1]}) in degrees, but has the shape {angles.shape}"
-            raise FileError("q_deg", problem, "give one row per posture", code="api.shape")
+            raise FileError("q_deg", problem, "give one row per posture", code="argument.invalid")
         q = np.radians(angles)
         q[:, self._axes :] = angles[:, self._axes :]
         u_mm, u_frame_mm = self._u_mm(q)
@@ -129,7 +129,7 @@ class CalibratedArm:
                 "near_deg",
                 f"must be a single posture, but has the shape {start.shape}",
                 f"give {self._axes} angles",
-                code="api.shape",
+                code="argument.invalid",
             )
         return self._inverse(poses, start)
 
@@ -162,20 +162,22 @@ class CalibratedArm:
         if not self._is_measured:
             problem = "was not measured: the rig has neither a calibration nor effects, so no target would change"
             remedy = "give the rig file written by diagnose(…).save(directory) or rig diagnose -o"
-            raise FileError(self.rig.name, problem, remedy, code="correct.no_effects")
+            raise FileError(self.rig.name, problem, remedy, code="correction.impossible")
         if why := why_nothing(self.rig):
-            raise FileError(self.rig.name, why, "measure what `acts` of the diagnosis ask for", code="calibration.none")
+            raise FileError(
+                self.rig.name, why, "measure what `acts` of the diagnosis ask for", code="calibration.missing"
+            )
         given = _numbers(targets, "targets")
         # Four targets of an arm with four axes have the shape of a frame.
         if given.shape[-2:] == (4, 4) and (self._axes != 4 or given.ndim == 3 or (given[3] == [0, 0, 0, 1]).all()):
             return self._correct_poses(given, near)
         if near is not None:
             problem = "is for tool poses, and the targets are joint angles"
-            raise FileError("near", problem, "leave `near` out", code="api.value")
+            raise FileError("near", problem, "leave `near` out", code="argument.invalid")
         q = given[None] if given.ndim == 1 else given
         if q.ndim != 2 or q.shape[1] != self._axes or not np.isfinite(q).all():
             problem = f"must be angles (n, {self._axes}) in degrees or poses (n, 4, 4), but has the shape {given.shape}"
-            raise FileError("targets", problem, "give one row or one frame per target", code="api.shape")
+            raise FileError("targets", problem, "give one row or one frame per target", code="argument.invalid")
         found = corrected(self.rig, supports(self.rig), np.radians(q))
         angles = np.where(found.done[:, None], np.degrees(found.q), np.nan)
         turned = np.where(found.done, 0.0, np.nan)
@@ -189,7 +191,7 @@ class CalibratedArm:
         poses = _frames(T, "targets")
         if postures.shape != (len(poses), self._axes) or not np.isfinite(postures).all():
             problem = f"must have a row of {self._axes} angles per pose, but has the shape {postures.shape}"
-            raise FileError("near", problem, "give one posture, or one per pose", code="api.shape")
+            raise FileError("near", problem, "give one posture, or one per pose", code="argument.invalid")
         return self._inverse(poses, np.radians(postures))
 
     @property
@@ -275,14 +277,14 @@ def _frames(values: Array, name: str) -> Array:
     poses = poses[None] if poses.shape == (4, 4) else poses
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
         problem = f"must be finite frames (n, 4, 4), but has the shape {poses.shape}"
-        raise FileError(name, problem, "give one frame per pose", code="api.shape")
+        raise FileError(name, problem, "give one frame per pose", code="argument.invalid")
     R = poses[:, :3, :3]
     off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
     last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
     if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or last_row_off > 0:
         problem = "contains a frame that is not orthonormal and right-handed"
         remedy = f"give {name}[:, :3, :3] as rotations, {name}[:, :3, 3] in mm and {name}[:, 3] as 0 0 0 1"
-        raise FileError(name, problem, remedy, code="api.frame")
+        raise FileError(name, problem, remedy, code="argument.invalid")
     return poses
 
 
@@ -291,5 +293,5 @@ def _numbers(values: Array, name: str) -> Array:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
         raise FileError(
-            name, "is not an array of numbers", "give numbers or a numpy array", code="api.not_numbers"
+            name, "is not an array of numbers", "give numbers or a numpy array", code="argument.invalid"
         ) from None

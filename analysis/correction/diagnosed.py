@@ -38,7 +38,7 @@ class Diagnosis(result.Diagnosis):
         self._require_model(str(directory))
         if not self.rig_text:
             remedy = "give `rig` as the path of a rig file"
-            raise FileError("rig", "is an object, so its text is unknown", remedy, code="api.type")
+            raise FileError("rig", "is an object, so its text is unknown", remedy, code="argument.invalid")
         rig_file = directory / f"{self.rig.name}.yaml"
         answer = (json.dumps(self.to_dict(), indent=2) + "\n").encode()
         files = extended_files(self.rig_text, with_provenance(self), rig_file, self.calibrated)
@@ -48,4 +48,4 @@ class Diagnosis(result.Diagnosis):
     def _require_model(self, where: str) -> None:
         if not self.is_modelled or self.calibrated is None:
             problem = f"the diagnosis has no calibrated model: its condition is {self.condition}"
-            raise FileError(where, problem, "measure what `next_test` and `acts` ask for", code="calibration.none")
+            raise FileError(where, problem, "measure what `next_test` and `acts` ask for", code="calibration.missing")

@@ -71,7 +71,7 @@ def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
     if found.ratio > _DOUBTED_SHARE:
         remedy = "give the file of this robot; if it is, diagnose again with --calibration FILE"
         problem = f"the constants are probably those of another robot: {found}"
-        raise FileError(name, problem, remedy, code="controller.other_arm")
+        raise FileError(name, problem, remedy, code="robot.other")
 
 
 def controller_doubts(diagnosis: Diagnosis, runs: Iterable[Measured]) -> tuple[str, ...]:
@@ -107,7 +107,7 @@ def doubt_links(diagnosis: Diagnosis) -> str:
         return f"the constants of the controller may be those of another robot: {found}"
     problem = f"the constants of the controller do not fit the readings: {found}"
     remedy = "give the file of this robot, or diagnose without --calibration, against the data sheet"
-    raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="controller.other_arm")
+    raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="robot.other")
 
 
 def _distances(rig: Rig, controller: Arm, sheet: Arm, uncertainty: PoseUncertainty) -> LinkDistances:

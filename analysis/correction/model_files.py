@@ -53,7 +53,7 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
     except ValidationError:
         problem = "is not a valid name for the calibration of a rig file"
         raise FileError(
-            name, problem, "use letters, digits, -, _ and . in the name of --output", code="output.name"
+            name, problem, "use letters, digits, -, _ and . in the name of --output", code="output.invalid"
         ) from None
 
 
@@ -67,7 +67,7 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
         (named,) = diagnosis.effects
         problem = f"was not written: {name_of(named.effect)} is beyond the range that rig corrects"
         remedy = "check the rig file, the variant of the arm and the mastering"
-        raise FileError(str(output), problem, remedy, code="diagnose.out_of_range")
+        raise FileError(str(output), problem, remedy, code="runs.not_comparable")
     return write_extended(text, with_provenance(diagnosis), output, diagnosis.calibrated)
 
 

@@ -138,4 +138,4 @@ def require_usable_model(rig: Rig, rig_file: str, *, anyway: bool) -> None:
     """Raise FileError if a rig's model must not be used for correction, unless `anyway`."""
     if (why := why_nothing(rig)) and not anyway:
         remedy = f"plan the next measurement: rig plan {as_argument(rig_file)}; --anyway writes the files with a remark"
-        raise FileError(rig_file, why, remedy, code="calibration.none")
+        raise FileError(rig_file, why, remedy, code="calibration.missing")

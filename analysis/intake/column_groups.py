@@ -134,7 +134,7 @@ def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
     repeated = [next((first for name, first in of.items() if name != first and first in of), "") for of in plain]
     if repeated and all(repeated):
         problem = f"has two columns {repeated[0]}"
-        raise FileError(raw.where, problem, "give each joint column a unique name", code="table.column_twice")
+        raise FileError(raw.where, problem, "give each joint column a unique name", code="table.invalid")
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:

@@ -64,7 +64,7 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
     if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):
         problem = "is empty" if not text.strip() else "is neither calibration.conf nor the YAML of ur_calibration"
         remedy = "give one of them, or a table of joints and flange poses as CSV"
-        raise FileError(str(path), problem, remedy, code="arm.no_constants")
+        raise FileError(str(path), problem, remedy, code="arm.invalid")
     if not is_ur_calibration(text):
         return _from_poses(robot, path)
     found = factory_constants(robot, path)
@@ -81,7 +81,7 @@ def _from_pins(robot: Robot, path: Path) -> ControllerConstants:
     read, robot = configured_robot(path), robot.model_copy(update={"base": Pose(), "tool": Pose()})
     if len(robot.axes) != len(read.axes) or robot.coupling != read.coupling or any(a.offset_deg for a in robot.axes):
         problem = "sets pins of genserkins, which cannot express an arm with offset_deg, reversed or coupled axes"
-        raise FileError(str(path), problem, f"describe the arm by its pins: --arm {path}", code="linuxcnc.kinematics")
+        raise FileError(str(path), problem, f"describe the arm by its pins: --arm {path}", code="controller.invalid")
     pairs = zip(robot.axes, read.axes, strict=True)
     keys = LinkConstants.model_fields
     axes = tuple(axis.model_copy(update={key: getattr(its, key) for key in keys}) for axis, its in pairs)

@@ -63,7 +63,7 @@ def refuse_two_arms(path: Path, test: TestName) -> None:
     if _is_of_touches(test) and has_two_arms(path):
         problem = "has p1_deg, the joints of a second arm that holds the socket"
         raise FileError(
-            str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}", code="touch.two_arms"
+            str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}", code="robot.other"
         )
 
 
@@ -84,7 +84,7 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
         declared = f", of {', '.join(sockets)}" if sockets else ""
         problem = "does not name the socket of each row"
         remedy = f"add a column socket, or give --socket NAME for all rows{declared}"
-        raise FileError(raw.where, problem, remedy, code="touch.no_sockets")
+        raise FileError(raw.where, problem, remedy, code="readings.unsuitable")
     constants = {SOCKET: socket or sockets[0]}
     return TableMap(files=(layout,), joints=joints, columns=columns, constants=constants)
 
@@ -106,7 +106,7 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
         axes = len(rig.robot.axes)
         problem = f"lacks columns for the {axes} joints of the arm; it has {', '.join(raw.names[:20])}"
         raise FileError(
-            raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="touch.no_joints"
+            raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="readings.unsuitable"
         )
     return likely_angles(raw, group)
 
@@ -175,7 +175,7 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
         problem = f"has columns of unclear meaning ({proposal.asks})"
-        raise FileError(str(files[0]), problem, "add the units to the header", code="table.column_unclear")
+        raise FileError(str(files[0]), problem, "add the units to the header", code="table.unclear")
     poses = poses_of(raw, proposal.table_map)
     if poses.controller_mm is None:
         return poses
@@ -193,7 +193,7 @@ def _propose(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Ma
             if len(sheets) != 1:
                 fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}) instead of one"
                 remedy = "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]"
-                raise FileError(str(path), fact, remedy, code="workbook.several_sheets")
+                raise FileError(str(path), fact, remedy, code="table.unclear")
             sheet, data = next(iter(sheets.items()))
         table, layout = _raw_table(data, str(path))
         tables.append(table)
@@ -209,14 +209,14 @@ def _text_of_bag(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, 
         return stands.text, stands.topic, stands.doubts
     if topic:
         problem = f"applies only to bags, and {where} is not a bag"
-        raise UseError("--topic", problem, "remove it", code="import.bags_only")
+        raise UseError("--topic", problem, "remove it")
     return data, "", ()
 
 
 def _refuse_rail(rig: Rig, where: str) -> None:
     if rig.robot.rail:
         problem = "has columns other than those of docs/tables.md, but a map cannot give the position of the rail"
-        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="map.no_positions")
+        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="file.invalid")
 
 
 def read_mapped(
@@ -228,11 +228,11 @@ def read_mapped(
     if len(files) != len(table_map.files):
         fact = f"describes {len(table_map.files)} files, but {len(files)} are given"
         remedy = "give the files of one measurement in order; several are joined (--join)"
-        raise FileError("the map", fact, remedy, code="workbook.several_sheets")
+        raise FileError("the map", fact, remedy, code="table.unclear")
     if labels.joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:
             fact = "does not name commanded joints, which --joints commanded needs"
-            raise FileError("the map", fact, "add `commanded`", code="table.not_commanded")
+            raise FileError("the map", fact, "add `commanded`", code="table.invalid")
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
     _refuse_rail(rig, where)
@@ -301,7 +301,7 @@ def read_any_table(source: Path, rig_file: str | Path, test: TestName | None, la
     proposal = propose_map([source], rig_file)
     if proposal.questions:
         problem = f"has open questions ({proposal.asks})"
-        raise FileError(str(source), problem, "answer the questions of rig import", code="table.questions")
+        raise FileError(str(source), problem, "answer the questions of rig import", code="table.unclear")
     return read_mapped([source], proposal.assumed().table_map, rig_file, kind, labels)
 
 
@@ -309,7 +309,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     """Test of a table by its columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if reader_of(head):
-        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="bag.ambiguous")
+        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="table.invalid")
     names = header_names(head)
     layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]
@@ -318,7 +318,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
         return ours[0]
     if ours:
         raise FileError(
-            where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST, code="table.ambiguous"
+            where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST, code="table.unclear"
         )
     if any(name.lower() == SOCKET for name in names):
         return next(filter(_is_of_touches, TESTS))
@@ -331,6 +331,6 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if len(missing) <= _FEW_MISSING:
         problem = f"lacks {' and '.join(missing)} of a {nearest} table"
         remedy = "add the column, or run rig import --help for other tables"
-        raise FileError(where, problem, remedy, code="table.column_missing")
+        raise FileError(where, problem, remedy, code="table.invalid")
     problem = f"has columns that match none of the tests: {', '.join(raw.names[:20])}"
-    raise FileError(where, problem, _GIVE_TEST, code="table.no_test_fits")
+    raise FileError(where, problem, _GIVE_TEST, code="table.unclear")

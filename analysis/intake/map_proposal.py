@@ -133,7 +133,7 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     judge = Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
         problem = f"has {len(raw.lines)} poses, too few to determine the meaning of the columns ({FEWEST} are needed)"
-        raise FileError(raw.where, problem, _map_by_hand(raw, groups, layouts), code="table.few_poses")
+        raise FileError(raw.where, problem, _map_by_hand(raw, groups, layouts), code="readings.too_few")
     joints, commanded = _joints_to_read(groups)
     for group in joints[:1]:
         require_postures(radians(judge.raw, likely_angles(judge.raw, group)), raw.where)
@@ -214,7 +214,7 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
         spots = column_span(groups.seen[0].place.columns)
         problem = f"has only positions of spots ({spots}) touched by the tool, but none measured by an instrument"
         remedy = "name the spot of each row in a column socket, and import the table with --test touch"
-        raise FileError(raw.where, problem, remedy, code="table.not_measured")
+        raise FileError(raw.where, problem, remedy, code="table.invalid")
     return replace(groups, seen=seen)
 
 
@@ -224,23 +224,23 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
             problem = f"has {nears}, but the arm of the rig file has {axes} axes"
-            raise FileError(raw.where, problem, "give the rig file of the measured arm", code="table.axes")
+            raise FileError(raw.where, problem, "give the rig file of the measured arm", code="table.unclear")
         problem = f"has no {axes} columns that may be joints; {has}"
         remedy = (
             "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
             "ISO 9283 cube need only tests.iso9283 in the rig file"
         )
-        raise FileError(raw.where, problem, remedy, code="table.no_joints")
+        raise FileError(raw.where, problem, remedy, code="table.invalid")
     if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
         if raw.socket_column and not groups.seen:
             problem = (
                 f"has a column {raw.socket_column} and no measured place: these are touches, not poses of a tracker"
             )
-            raise FileError(raw.where, problem, "import it with --test touch", code="table.not_measured")
+            raise FileError(raw.where, problem, "import it with --test touch", code="table.invalid")
         lacks = (
             "has only places that were commanded, not measured" if groups.seen else "lacks columns x, y, z of a place"
         )
-        raise FileError(raw.where, f"{lacks}; {has}", "name the measured ones in a map (--map)", code="table.frame")
+        raise FileError(raw.where, f"{lacks}; {has}", "name the measured ones in a map (--map)", code="table.invalid")
 
 
 def _places_to_read(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
@@ -312,12 +312,12 @@ def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[Tabl
     if part := fits_in_parts(judge.raw, judge.bare, plain.value):
         problem = f"fits the arm of the rig file in {part}, but not completely; {plain.line()}"
         remedy = "give measurements with a different place of target or instrument as separate files, one run each"
-        raise FileError(judge.raw.where, problem, remedy, code="table.fits_partly")
+        raise FileError(judge.raw.where, problem, remedy, code="table.unclear")
     nominal = f"{right_mm(best.left / best.share) if best.share else RIGHT_MM:.3g} mm over these places"
     if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
         problem = f"does not fit the arm of the rig file, in any reading of the columns, to {nominal}; {best.line()}"
         remedy = "check that the rig file belongs to the arm; otherwise write a map by hand (--map)"
-        raise FileError(judge.raw.where, problem, remedy, code="table.fits_no_reading")
+        raise FileError(judge.raw.where, problem, remedy, code="table.unclear")
     judge.assumed.append(
         f"{best.line()}; the nominal constants of an arm leave at most {nominal}; no reading "
         "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of a different arm"
@@ -436,7 +436,7 @@ def _with_alternatives(
     best, base, named, pose = ways[0]
     if best.remedy:
         problem = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
-        raise FileError(judge.raw.where, problem, best.remedy, code="table.fits_with_changes")
+        raise FileError(judge.raw.where, problem, best.remedy, code="table.unclear")
     return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
 
 

@@ -56,7 +56,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
         problem = f"lacks {'joints' if table_map.joints is None else 'place'}, which every pose needs"
-        raise FileError("the map", problem, "add the columns and the unit", code="map.column_missing")
+        raise FileError("the map", problem, "add the columns and the unit", code="file.invalid")
     q = radians(raw, table_map.joints, problems)
     commanded = radians(raw, table_map.commanded, problems) if table_map.commanded else None
     xyz = _millimetres(raw, table_map.place, problems)
@@ -73,7 +73,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     if table_map.sees == "from the tool":
         if turn is None:
             problem, remedy = "has `sees: from the tool` but no `turn`", "add the turn, or write `sees: the tool`"
-            raise FileError("the map", problem, remedy, code="map.turn_missing")
+            raise FileError("the map", problem, remedy, code="file.invalid")
         turn = turn.inv()
         xyz = -turn.apply(xyz)
     return MappedPoses(q, xyz, turn, commanded, controller, controller_turn)
@@ -141,7 +141,7 @@ def _pose_columns(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
         if len(part.columns) != axes:
             fact = f"names {len(part.columns)} columns of joints, but the arm of the rig file has {axes} axes"
             remedy = "name a column for each axis, in order, or give the rig file of that arm"
-            raise FileError("the map", fact, remedy, code="map.axes")
+            raise FileError("the map", fact, remedy, code="file.invalid")
     poses = poses_of(raw, table_map)
     turn, controller_turn = (
         None if turn is None else turn.as_euler("xyz", degrees=True) for turn in (poses.turn, poses.controller_turn)
@@ -174,10 +174,10 @@ def _mapped_columns(
     if missing or (driven and table_map.joints is None):
         problem = f"does not name a column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         remedy = "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}"
-        raise FileError("the map", problem, remedy, code="map.column_unknown")
+        raise FileError("the map", problem, remedy, code="file.invalid")
     if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known_columns]:
         problem = f"names {unknown[0]}, which is not a column of a {test} table"
-        raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}", code="map.column_unknown")
+        raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}", code="file.invalid")
     problems = Problems()
     angles = np.degrees(radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}
@@ -200,11 +200,11 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
         factors = TO_UNIT[name.rpartition("_")[2]]
         if unit and unit not in factors:
             problem, remedy = f"states the unit {unit} for {name}", f"give one of {', '.join(factors)}"
-            raise FileError("the map", problem, remedy, code="table.unit_unknown")
+            raise FileError("the map", problem, remedy, code="table.unclear")
         return pa.array(raw.numbers([column], problems)[:, 0] * (factors[unit] if unit else 1.0))
     if column not in raw.names:
         raise FileError(
-            raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}", code="table.column_missing"
+            raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}", code="table.invalid"
         )
     values: list[object] = []
     for line, text in zip(raw.lines.tolist(), raw.cells[column].to_pylist(), strict=True):
@@ -234,7 +234,7 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
     if pose is None:
         problem = "lacks columns of joints, and the positions are not stops at the cube in the order P5 P4 P3 P2 P1"
         remedy = "check tests.iso9283 of the rig file and the unit; for other poses add the joint angles (--join)"
-        raise FileError(raw.where, problem, remedy, code="cube.unknown_stop")
+        raise FileError(raw.where, problem, remedy, code="table.invalid")
     if (pose == 0).any():
         problem = "this position is not one of the cube's poses"
         lines = raw.lines[pose == 0].tolist()

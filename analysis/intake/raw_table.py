@@ -70,7 +70,7 @@ class RawTable:
         for name, column in zip(names, columns.T, strict=True):
             if name not in self.names:
                 remedy = f"name an existing column in the map: {', '.join(map(repr, self.names[:30]))}"
-                raise FileError(self.where, f"has no column {name!r}", remedy, code="table.column_missing")
+                raise FileError(self.where, f"has no column {name!r}", remedy, code="table.invalid")
             good = array_of(self._is_number(name)).astype(bool)
             plain = pc.utf8_trim_whitespace(self._plain(name))
             if good.any():
@@ -103,7 +103,7 @@ class RawTable:
             sound &= array_of(self._is_number(name)).astype(bool)
         sound_rows = np.flatnonzero(sound)
         if not len(sound_rows):
-            raise FileError(self.where, "has a bad cell in every row", "correct the file", code="table.no_numbers")
+            raise FileError(self.where, "has a bad cell in every row", "correct the file", code="table.invalid")
         chosen = sound_rows[evenly(len(sound_rows), rows)]
         return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
 
@@ -135,7 +135,7 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
                     where,
                     f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB",
                     "save the sheet as CSV",
-                    code="workbook.too_large",
+                    code="file.too_large",
                 )
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
         sheets = dict(_texts_within(book.worksheets, where))
@@ -143,7 +143,7 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
         problem = f"cannot be read as a workbook: {type(error).__name__}"
-        raise FileError(where, problem, "save the sheet as CSV", code="workbook.damaged") from None
+        raise FileError(where, problem, "save the sheet as CSV", code="table.invalid") from None
     return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
 
 
@@ -156,7 +156,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
             count += max(1, len(row))
             if count > _MOST_SHEET_CELLS:
                 problem = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
-                raise FileError(where, problem, "save the sheet with the table as CSV", code="workbook.too_large")
+                raise FileError(where, problem, "save the sheet with the table as CSV", code="file.too_large")
             texts = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
             # Replace the decimal comma, since commas separate the columns.
             rows.append([text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in texts])
@@ -181,7 +181,7 @@ def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[
                 where,
                 f"is not {encoding}",
                 "correct `encoding` in the map, or save the file as UTF-8",
-                code="workbook.damaged",
+                code="table.invalid",
             ) from None
         encoding, text = "cp1252", data.decode("cp1252", errors="replace")
     if "\0" in text:
@@ -189,7 +189,7 @@ def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[
             where,
             "contains zero bytes, so it is not a text file",
             "give the table as UTF-8 text",
-            code="table.not_text",
+            code="table.invalid",
         )
     return re.split(r"\r\n|\n|\r", text), FileLayout(encoding=encoding)
 
@@ -215,7 +215,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
                 best = score, name, comma, fields
     if best is None or best[0][2] == 0:
         raise FileError(
-            where, "lacks rows of numbers", "give a table: a row of numbers for each pose", code="table.no_rows"
+            where, "lacks rows of numbers", "give a table: a row of numbers for each pose", code="readings.too_few"
         )
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]
@@ -231,7 +231,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
     first = next(data, None)
     if first is None:
         raise FileError(
-            where, "has non-numeric cells in every row", "give a table of measurements", code="table.no_numbers"
+            where, "has non-numeric cells in every row", "give a table of measurements", code="table.invalid"
         )
     header, units = _header(lines, first, rows, comment, mark, fields)
     return FileLayout(
@@ -285,7 +285,7 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
         k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
     ]
     if not kept:
-        raise FileError(where, "has a header but no rows", "give the measured rows", code="table.no_rows")
+        raise FileError(where, "has a header but no rows", "give the measured rows", code="readings.too_few")
     body = [lines[k] for k in kept]
     if mark == " ":
         mark, body = "\t", ["\t".join(line.split()) for line in body]
@@ -295,7 +295,7 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
             where,
             f"has more than {_MOST_CELLS} cells or {_MOST_COLUMNS} columns",
             "import the file in parts",
-            code="table.too_large",
+            code="file.too_large",
         )
     problems = Problems()
 
@@ -315,11 +315,11 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
         )
     except pa.ArrowInvalid as error:
         raise FileError(
-            where, f"cannot be split into fields: {str(error)[:100]!r}", "check the quotes", code="table.not_split"
+            where, f"cannot be split into fields: {str(error)[:100]!r}", "check the quotes", code="table.unclear"
         ) from None
     problems.refuse(where)
     if cells.num_rows != len(kept):
-        raise FileError(where, "has a cell of several lines", "put each row on one line", code="table.lines_in_cell")
+        raise FileError(where, "has a cell of several lines", "put each row on one line", code="table.invalid")
     return RawTable(where, tuple(names), tuple(units), cells, np.array(kept) + 1, layout.decimal == "comma")
 
 
@@ -360,7 +360,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             if len(table.lines) != len(lines):
                 problem = f"has {len(table.lines)} rows, but {first.where} has {len(lines)}"
                 raise FileError(
-                    table.where, problem, "join the files by a common column: --join COLUMN", code="table.not_joined"
+                    table.where, problem, "join the files by a common column: --join COLUMN", code="table.invalid"
                 )
             places.append(np.arange(len(lines)))
             continue
@@ -376,7 +376,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
                 units.append(unit)
     if not len(keep):
         problem = f"does not share a value of {join!r} with {first.where}"
-        raise FileError(others[0].where, problem, "check the column of the join", code="table.not_joined")
+        raise FileError(others[0].where, problem, "check the column of the join", code="table.invalid")
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), pa.table(columns), lines[keep], first.decimal_comma), left_out
 
@@ -387,12 +387,12 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
             table.where,
             f"has no column {join!r} to join by",
             f"it has {', '.join(table.names[:20])}",
-            code="table.column_missing",
+            code="table.invalid",
         )
     keys = [str(key).strip() for key in table.cells[join].to_pylist()]
     if len(set(keys)) < len(keys):
         problem = f"has a value of {join!r} twice"
-        raise FileError(table.where, problem, "join by a column with unique values", code="table.not_joined")
+        raise FileError(table.where, problem, "join by a column with unique values", code="table.invalid")
     return {key: row for row, key in enumerate(keys)}
 
 
@@ -403,7 +403,7 @@ def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[FileLayout
             sheets = sheets_of(data, str(path))
             if layout.sheet not in sheets:
                 problem = f"has no sheet {layout.sheet!r} with rows; it has {', '.join(map(repr, sheets)) or 'none'}"
-                raise FileError(str(path), problem, "name a sheet as `sheet` in the map", code="workbook.sheet_missing")
+                raise FileError(str(path), problem, "name a sheet as `sheet` in the map", code="table.invalid")
             data = sheets[layout.sheet]  # noqa: PLW2901 - the sheet stands for its workbook
         lines, _ = text_of(data, str(path), layout)
         tables.append(read_raw(lines, layout, str(path)))

@@ -241,10 +241,10 @@ def check_header(
     line = ",".join(names) if len(names) <= 2 else ""
     if line.count(";") > 2:
         remedy = f"save the file with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates columns by semicolons", remedy, code="table.separator")
+        raise FileError(where, "separates columns by semicolons", remedy, code="table.invalid")
     if line.count("\t") > 2:
         remedy = f"save the file with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates columns by tabs", remedy, code="table.separator")
+        raise FileError(where, "separates columns by tabs", remedy, code="table.invalid")
     layout = layout or format_of(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
@@ -254,7 +254,7 @@ def check_header(
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(
-            where, "lacks a header line", f"insert this first line: {','.join(layout.required)}", code="table.no_header"
+            where, "lacks a header line", f"insert this first line: {','.join(layout.required)}", code="table.invalid"
         )
     problems += [TableProblem(1, name, _missing_column_problem(name, names, layout, test)) for name in missing]
     if not format_of(test).gauges and RAIL in names and RAIL not in layout.known_columns:
@@ -318,21 +318,21 @@ _BEGINNINGS = (
 def refuse_other_formats(where: str, data: bytes) -> None:
     for magic, fact, remedy in _BEGINNINGS:
         if data.startswith(magic):
-            raise FileError(where, fact, remedy.format(file=as_argument(where)), code="table.column_missing")
+            raise FileError(where, fact, remedy.format(file=as_argument(where)), code="table.invalid")
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
         fact = "is the kinematics of an arm (ur_calibration of ROS), not a table of measurements"
         raise FileError(
             where,
             fact,
             "give it as --calibration FILE, and the table of measurements in its place",
-            code="table.is_yaml",
+            code="table.invalid",
         )
     if where.lower().endswith((".yaml", ".yml")):
         raise FileError(
             where,
             "is a YAML file, such as a rig file, not a table",
             "give the table of measurements",
-            code="table.is_yaml",
+            code="table.invalid",
         )
 
 
@@ -346,14 +346,14 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
         before = f"1,{count - 1}d; " if count > 1 else ""
         problem = f"has the header in line {count} after a #, which marks a comment"
         raise FileError(
-            where, problem, f"remove the #: sed '{before}s/^# *//' {file} > TABLE.csv", code="table.comments"
+            where, problem, f"remove the #: sed '{before}s/^# *//' {file} > TABLE.csv", code="table.invalid"
         )
     comment = "a line" if count == 1 else f"{count} lines"
     raise FileError(
         where,
         f"begins with {comment} of comment (#)",
         f"remove the comments: sed '/^#/d' {file} > TABLE.csv",
-        code="table.comments",
+        code="table.invalid",
     )
 
 
@@ -387,7 +387,7 @@ def read_file(
     if reader := reader_of(data):
         if not has_direction:
             problem = "is a bag, from which circles are read, and poses by a map"
-            raise FileError(str(path), problem, f"give the table of a {test} test as CSV", code="bag.ambiguous")
+            raise FileError(str(path), problem, f"give the table of a {test} test as CSV", code="table.invalid")
         text, doubts = reader.table_of(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
@@ -407,7 +407,7 @@ def parse_csv(
             where,
             f"is of a {test} test, which does not have a direction",
             "leave --direction out",
-            code="request.direction",
+            code="request.invalid",
         )
     _require_text(where, data)
     rows = _csv_rows(data, where)
@@ -421,7 +421,7 @@ def parse_csv(
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:
-        raise FileError(where, "has a header but no rows", "give the measured rows", code="table.no_rows")
+        raise FileError(where, "has a header but no rows", "give the measured rows", code="readings.too_few")
     if direction and "direction" not in columns:
         added = pa.chunked_array([pa.repeat(direction, len(lines))])
         order = [key for name in columns for key in ((name, "direction") if name == "t_s" else (name,))]
@@ -433,13 +433,13 @@ def parse_csv(
 
 def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
     if not any(header):
-        raise FileError(where, "is empty", "give a table with a header line", code="table.empty")
+        raise FileError(where, "is empty", "give a table with a header line", code="table.invalid")
     if len(header) > _MOST_COLUMNS:
         raise FileError(
             where,
             f"has {len(header)} columns, more than {_MOST_COLUMNS}",
             "remove the columns that are not needed",
-            code="table.too_large",
+            code="file.too_large",
         )
     names = [as_it_was(name) for name in header]
     if joints != "commanded":
@@ -451,7 +451,7 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
             where,
             problem,
             "rename the columns of the commanded joints, or leave --joints out",
-            code="table.not_commanded",
+            code="table.invalid",
         )
     renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *MEASURED), strict=True))
     return [renamed.get(name, name) for name in names]
@@ -462,7 +462,7 @@ def read_whole(path: Path) -> bytes:
         return read_bytes(path, MOST_BYTES)
     except IsADirectoryError:
         raise FileError(
-            str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it", code="file.is_directory"
+            str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it", code="file.invalid"
         ) from None
     except OSError as error:
         raise FileError.of_os(path, error, "check the path and the permissions", code="file.unreadable") from None
@@ -471,7 +471,7 @@ def read_whole(path: Path) -> bytes:
             head = read_from(path, 0, _HEAD_BYTES)[0]
             if (reader := reader_of(head)) and (remedy := reader.size_remedy(head)):
                 raise FileError(
-                    str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy, code="bag.too_large"
+                    str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy, code="file.too_large"
                 ) from None
         raise
 
@@ -499,13 +499,13 @@ def _require_text(where: str, data: bytes) -> None:
             data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise FileError(where, f"line {line} is not UTF-8", "save the file as UTF-8", code="table.not_utf8") from None
+        raise FileError(where, f"line {line} is not UTF-8", "save the file as UTF-8", code="file.invalid") from None
     if b"\0" in data:
         raise FileError(
             where,
             "contains zero bytes, so it is not a text file",
             "give the table as UTF-8 text",
-            code="table.not_text",
+            code="table.invalid",
         )
 
 
@@ -532,6 +532,6 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             continue
         if count > _MOST_CELLS // len(names):
             problem = f"has more than {_MOST_CELLS} cells in its first {line} lines"
-            raise FileError(where, problem, "import the file in several runs", code="table.too_large")
+            raise FileError(where, problem, "import the file in several runs", code="file.too_large")
         count += 1
         yield line, fields

@@ -52,7 +52,7 @@ def readers() -> tuple[StreamReader, ...]:
         except Exception as reason:
             problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
             remedy = "install a different version of that package, or uninstall the package"
-            raise FileError(f"reader {offer.name}", problem, remedy, code="reader.unusable") from reason
+            raise FileError(f"reader {offer.name}", problem, remedy, code="package.missing") from reason
     return tuple(loaded)
 
 

@@ -172,7 +172,7 @@ def load_map(path: Path) -> TableMap:
     except OSError as error:
         raise FileError.of_os(path, error, "check the path of the map", code="file.unreadable") from None
     except UnicodeDecodeError:
-        raise FileError(str(path), "is not UTF-8", "save the map as UTF-8", code="map.not_utf8") from None
+        raise FileError(str(path), "is not UTF-8", "save the map as UTF-8", code="file.invalid") from None
     return parse_map(text, str(path))
 
 
@@ -183,7 +183,7 @@ def parse_map(text: str, where: str) -> TableMap:
         if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
             problem = f"line {number}, {key.strip()}: this question is not answered"
             remedy = "write one of the answers listed above that line in place of the ?"
-            raise FileError(where, problem, remedy, code="map.questions")
+            raise FileError(where, problem, remedy, code="table.unclear")
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:

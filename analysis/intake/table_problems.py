@@ -74,7 +74,7 @@ class TableFileError(FileError):
             unlisted = total - sum(problem.rows for problem in self.problems)
             self.shown.append(f"… and {unlisted} more, {total} mistakes in all")
         problem = f"{counted(total, 'mistake')}: {' | '.join(self.shown)}"
-        super().__init__(path, problem, remedy, code="table.value")
+        super().__init__(path, problem, remedy, code="table.invalid")
 
     def lines(self) -> list[str]:
         return [

@@ -50,7 +50,7 @@ def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     """
     for finding in findings_of(runs):
         if finding.strength != "likely":
-            raise FileError(", ".join(finding.runs), finding.what, finding.remedy, code="run.convention")
+            raise FileError(", ".join(finding.runs), finding.what, finding.remedy, code="readings.unsuitable")
     with_joints = [run for run in runs if shows_joints(run.table.test)]
     return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
 

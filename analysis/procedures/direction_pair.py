@@ -228,11 +228,15 @@ def _require_pair(acw: CircleResult, cw: CircleResult, where: str) -> None:
     directions = (acw.laps.direction, cw.laps.direction)
     if directions != ("acw", "cw"):
         problem = f"are {directions[0]} and {directions[1]}"
-        raise FileError(where, problem, "give an acw run and a cw run, in this order", code="pair.directions")
+        raise FileError(where, problem, "give an acw run and a cw run, in this order", code="readings.unsuitable")
     circle, second = acw.laps.frame, cw.laps.frame
     if abs(circle.radius - second.radius) > 1e-6 or np.linalg.norm(circle.centre - second.centre) > 1e-6:
-        raise FileError(where, "were driven on different circles", "compare runs of one rig file", code="pair.circles")
+        raise FileError(
+            where, "were driven on different circles", "compare runs of one rig file", code="readings.unsuitable"
+        )
     if moved_mm := ball_moved_mm(acw, cw):
         fact = f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved in between"
         remedy = "record acw and cw without touching the ball or the gauges in between"
-        raise FileError(where, f"{fact}, so that acw - cw does not show the hysteresis", remedy, code="pair.ball_moved")
+        raise FileError(
+            where, f"{fact}, so that acw - cw does not show the hysteresis", remedy, code="readings.unsuitable"
+        )

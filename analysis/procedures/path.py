@@ -169,7 +169,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
                 f"{commands['line'].length_mm:.4g} mm"
             )
         raise FileError(
-            where, problem, "check the unit, the cube of the rig file, and the recording", code="path.missing"
+            where, problem, "check the unit, the cube of the rig file, and the recording", code="rig_file.invalid"
         )
     places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
@@ -184,13 +184,13 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
             paths[name] = driven
     if not paths:
         problem = "the tracker recorded too few positions along each path"
-        raise FileError(where, problem, "record more positions per second", code="path.sparse")
+        raise FileError(where, problem, "record more positions per second", code="readings.too_few")
     far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
     if far_mm > _MOST_DEVIATION * cube.side_mm:
         problem = f"the paths lie {far_mm:.3g} mm from those of the cube in the rig file"
         or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
         raise FileError(
-            where, problem, f"give the rig file of the program, and check the cube{or_else}", code="path.other_cube"
+            where, problem, f"give the rig file of the program, and check the cube{or_else}", code="rig_file.invalid"
         )
     torn = sum(not move.whole for cycles in every.values() for move in cycles)
     notes = [f"{torn} paths are ignored because of gaps in the readings of the tracker"] if torn else []

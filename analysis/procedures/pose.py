@@ -400,7 +400,7 @@ def _require_enough(table: PoseTable, where: str) -> None:
             where,
             f"has {len(table.q)} poses, too few to fit base and tool",
             f"give at least {_FEWEST}",
-            code="table.few_rows",
+            code="readings.too_few",
         )
     check_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
     if table.rpy is not None:
@@ -412,7 +412,7 @@ def _require_enough(table: PoseTable, where: str) -> None:
             where,
             "the instrument reported the same place in all rows",
             "check that the instrument follows the target",
-            code="pose.one_place",
+            code="readings.unsuitable",
         )
 
 

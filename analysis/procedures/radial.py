@@ -227,7 +227,7 @@ def evaluate(
     measured = cells.by_orientation
     if len(measured) < _FEWEST:
         problem = f"has {len(measured)} targets, too few for a sphere"
-        raise FileError(where, problem, f"measure at least {_FEWEST}, well apart", code="table.few_targets")
+        raise FileError(where, problem, f"measure at least {_FEWEST}, well apart", code="readings.too_few")
     readings = (radius_mm + cells.g_mm.reshape(len(measured), -1))[..., None] * cells.direction[:, None, :]
     far = outlying_targets(readings)
     used = cells.only(~far)
@@ -302,15 +302,15 @@ def _plain(
 
 def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
     if len(table.g_mm) == 0:
-        raise FileError(where, "has no rows", "give a table with readings", code="table.no_rows")
+        raise FileError(where, "has no rows", "give a table with readings", code="readings.too_few")
     check_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
     require_live_gauges(where, g1_mm=table.g_mm)
     if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
         problem = "has targets beyond 180° polar or 360° azimuth"
-        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg", code="table.unit")
+        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg", code="table.unclear")
     if (most_mm := np.abs(table.g_mm).max()) > 0.5 * radius_mm:
         problem = f"a reading of {most_mm:g} mm is too large for a radius of {radius_mm:g} mm"
-        raise FileError(where, problem, "give g1_mm as the distance less the link's set length", code="table.unit")
+        raise FileError(where, problem, "give g1_mm as the distance less the link's set length", code="table.unclear")
     targets, row = np.unique(table.target, return_inverse=True)
     orientations, column = np.unique(table.orientation, return_inverse=True)
     sine, cosine = np.sin(table.polar), np.cos(table.polar)
@@ -320,7 +320,7 @@ def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
     if moved.any():
         target = int(table.target[np.argmax(moved)])
         problem = f"target {target} has two directions"
-        raise FileError(where, problem, "give each target a single polar angle and azimuth", code="table.target")
+        raise FileError(where, problem, "give each target a single polar angle and azimuth", code="table.invalid")
     visits: dict[tuple[int, int], list[int]] = {}
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)

@@ -85,12 +85,12 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
     """
     if len(table.g_mm) == 0:
-        raise FileError(where, "has no rows", "give a table with readings", code="table.no_rows")
+        raise FileError(where, "has no rows", "give a table with readings", code="readings.too_few")
     check_numbers(where, g1_mm=table.g_mm)
     require_live_gauges(where, g1_mm=table.g_mm)
     if unknown := sorted({str(name) for name in table.approach} - {"none", *SIDES}):
         remedy = "write out, in or none for the side of approach"
-        raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy, code="table.approach")
+        raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy, code="table.invalid")
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
@@ -140,7 +140,7 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
         remedy = "approach each target three times from outside and from inside"
-        raise FileError(where, "the targets were not read twice from each side", remedy, code="table.one_sided")
+        raise FileError(where, "the targets were not read twice from each side", remedy, code="table.invalid")
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
     for row, target in enumerate(kept):

@@ -99,7 +99,7 @@ def require_known_targets(table: TargetTable, rig: Rig, where: str) -> None:
         row = int(np.argmax(unknown))
         problem = f"target {table.target[row]} of row {row + 1} is not one of the {count} of the hemisphere"
         remedy = "correct target, or tests.hemisphere in the rig file"
-        raise FileError(where, problem, remedy, code="table.target")
+        raise FileError(where, problem, remedy, code="table.invalid")
 
 
 def target_count(hemisphere: Hemisphere) -> int:

@@ -132,7 +132,7 @@ def _require_enough(table: TouchTable, where: str) -> None:
         touches = f"{len(table.q)} touch{'es' * (len(table.q) > 1)} of {count} socket{'s' * (count > 1)}"
         problem = f"has {touches}, too few to fit their places"
         raise FileError(
-            where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ", code="table.few_rows"
+            where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ", code="readings.too_few"
         )
     check_joints(where, table.q, "touch each socket in many postures")
 

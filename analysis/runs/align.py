@@ -50,7 +50,7 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
                 str(path),
                 f"row {row} of {instrument} has {words}",
                 "restore the run from a copy",
-                code="run.impossible_row",
+                code="run.damaged",
             )
 
 
@@ -140,7 +140,7 @@ def align(path: Path, streams: Streams, test: TestName, rig: Rig) -> Aligned:
             doubts.append(f"{_left_out(track.name, len(gaps))} at gaps")
     if np.count_nonzero(keep) < 2:
         problem = "gauges and robot were never recorded at the same time"
-        raise FileError(str(path), problem, "record both through the whole test", code="run.not_together")
+        raise FileError(str(path), problem, "record both through the whole test", code="readings.unsuitable")
     rows_ns = rows_ns if keep.all() else rows_ns[keep]
     u_lag_s = float(np.hypot(max(track.u_s for track in gauges), robot.u_s))
     own_u_s = np.zeros(len(rows_ns))  # per row: uncertainty of the less certain gauge, combined with that of the robot
@@ -264,7 +264,7 @@ def _track(path: Path, name: str, instants: Instants, values: Array, sound: Mask
     if len(ns) < 2:
         problem = f"contains fewer than two readings of {name} at known times"
         remedy = "repeat the recording, and check the rates with rig status"
-        raise FileError(str(path), problem, remedy, code="run.few_readings")
+        raise FileError(str(path), problem, remedy, code="readings.too_few")
     doubts = timing_doubts(name, instants)
     if doubtful:
         doubts.append(f"{name}: the gauge marked {counted(doubtful, 'reading')} as doubtful")
@@ -284,7 +284,7 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
             require_sound(path, instrument, stream)
             return stream
     remedy = "connect it, check it with rig status, and repeat the recording"
-    raise FileError(str(path), f"contains no readings of {instrument}", remedy, code="run.not_together")
+    raise FileError(str(path), f"contains no readings of {instrument}", remedy, code="readings.unsuitable")
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:

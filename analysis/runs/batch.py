@@ -74,11 +74,11 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
         failure = error
     except MemoryError:
         remedy = "close other programs, or give fewer --jobs"
-        failure = CellError(str(item), "not enough memory for this run", remedy, code="computer.memory")
+        failure = CellError(str(item), "not enough memory for this run", remedy, code="computer.unsuitable")
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not is_numerical(error):
             raise
-        failure = FileError(str(item), f"the computation failed: {error}", _REMEDY, code="run.numerical")
+        failure = FileError(str(item), f"the computation failed: {error}", _REMEDY, code="readings.unsuitable")
     return FailedItem(item, failure)
 
 
@@ -207,7 +207,7 @@ def _killed(item: object, process: BaseProcess) -> CellError:
         str(item),
         f"the process for this run {how}, {_TRIES} times",
         "the memory may be too small: close other programs, or give fewer --jobs",
-        code="computer.memory",
+        code="computer.unsuitable",
     )
 
 
@@ -306,7 +306,7 @@ def _connected(address: str) -> Any:
     except (MemoryError, OSError, TypeError, ValueError) as error:
         problem = f"the Dask scheduler does not answer: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address printed by the scheduler, such as tcp://10.0.0.5:8786"
-        raise CellError(f"--scheduler {address}", problem, remedy, code="cluster.silent") from None
+        raise CellError(f"--scheduler {address}", problem, remedy, code="process.failed") from None
 
 
 async def _query_scheduler(address: str) -> None:
@@ -326,7 +326,7 @@ def _require_same_versions(client: Any, address: str) -> None:
                 address,
                 "has no workers",
                 f"start a worker: dask worker {address} --nthreads 1",
-                code="cluster.no_workers",
+                code="process.failed",
             )
         for worker, version in theirs.items():
             if version != ours:
@@ -335,7 +335,7 @@ def _require_same_versions(client: Any, address: str) -> None:
                     str(worker),
                     f"{has}, but this computer {ours}",
                     "install the same version on both",
-                    code="cluster.versions",
+                    code="process.failed",
                 )
 
 
@@ -347,11 +347,11 @@ def _result(future: Any, item: Item, address: str) -> Outcome[Item, Any]:
     except KilledWorker:
         remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
         problem = "all workers that processed this run died"
-        return FailedItem(item, CellError(str(item), problem, remedy, code="cluster.worker_died"))
+        return FailedItem(item, CellError(str(item), problem, remedy, code="process.failed"))
     except (CancelledError, OSError) as error:
         problem = f"the connection to the Dask scheduler was lost: {type(error).__name__}"
         remedy = "start the scheduler, then repeat the command"
-        raise CellError(address, problem, remedy, code="cluster.lost") from None
+        raise CellError(address, problem, remedy, code="process.failed") from None
     return outcome
 
 
@@ -390,7 +390,7 @@ def _refuse_repeated_paths(earlier: Mapping[Path, Path], here: Mapping[Path, Pat
     for resolved, path in here.items():
         if first := earlier.get(resolved):
             also = "" if path == first else f", also as {first}"
-            raise FileError(str(path), f"is given twice{also}", "give it once", code="run.copy")
+            raise FileError(str(path), f"is given twice{also}", "give it once", code="run.copied")
 
 
 def _runs_below(top: Path) -> Iterator[Path]:

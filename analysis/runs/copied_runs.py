@@ -66,7 +66,7 @@ def location(text: str) -> Path:
     if _SECRET.search(text):
         remedy = "remove it: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
         problem = "contains a password or a key, which others on this computer can see"
-        raise FileError(f"{text.partition(':')[0]}://…", problem, remedy, code="url.password")
+        raise FileError(f"{text.partition(':')[0]}://…", problem, remedy, code="address.invalid")
     _copies.append(TemporaryDirectory(prefix="rig-"))
     into = Path(_copies[-1].name)
     try:
@@ -78,7 +78,7 @@ def location(text: str) -> Path:
         raise FileError(text, problem, to_install("s3fs", "sshfs"), code="package.missing") from None
     except Exception as error:  # noqa: BLE001 - every package has errors of its own
         remedy = "check the URL, the network and the credentials; or copy the runs with rclone, and give the directory"
-        raise FileError(text, f"cannot be read: {_reason(error)}", remedy, code="store.unreadable") from None
+        raise FileError(text, f"cannot be read: {_reason(error)}", remedy, code="file.unreadable") from None
     return CopiedRun.of(text.rstrip("/"), into)
 
 
@@ -97,7 +97,7 @@ def _copy(url: str, into: Path) -> None:
         if below.endswith(_READ) and not {"..", ""} & {*below.split("/")} and not {"\\", "\0"} & {*below}:
             files[file] = str(into / below)
     if not files:
-        raise FileError(url, "contains no runs", "give the URL of a run or of a directory of runs", code="run.none")
+        raise FileError(url, "contains no runs", "give the URL of a run or of a directory of runs", code="run.missing")
     store.get([*files], [*files.values()])
 
 

@@ -59,7 +59,7 @@ def refuse_copied_rows(given: Sequence[tuple[Measured, str]]) -> None:
         if is_pose and count - len(rows) > _COPIED * len(rows):
             problem = f"contains {count - len(rows)} of its {count} rows twice, to the last digit"
             remedy = "give each pose once; visit a target again to show its repeatability"
-            raise FileError(run.run.manifest.name, problem, remedy, code="run.copied_rows")
+            raise FileError(run.run.manifest.name, problem, remedy, code="run.copied")
         for first, its_role, earlier in seen:
             common, fewer = len(rows & earlier), min(len(rows), len(earlier))
             if common > _COPIED * fewer if is_pose else common == fewer >= _FEWEST_TOUCHES:
@@ -82,7 +82,7 @@ def _repeated(path: Path, role: str, first: Path, its_role: str) -> FileError:
     """Error about a run with the data of an earlier one."""
     roles = "" if role == its_role else f": {role} here, {its_role} there"
     same = "is given twice" if _is_same(path, first) else f"contains the same readings as {first}"
-    return FileError(str(path), f"{same}{roles}", _REMEDY, code="run.copy")
+    return FileError(str(path), f"{same}{roles}", _REMEDY, code="run.copied")
 
 
 def _is_same(path: Path, other: Path) -> bool:

@@ -85,16 +85,16 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
         return kept[1]
     if len(table.q) < 2:
         raise FileError(
-            where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle", code="table.few_rows"
+            where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle", code="readings.too_few"
         )
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
         raise FileError(
-            where, f"row {row} has a joint angle that is not a number", "remove such rows", code="table.number"
+            where, f"row {row} has a joint angle that is not a number", "remove such rows", code="table.invalid"
         )
     if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STILL_RUN_RAD:
         raise FileError(
-            where, "the robot stood still", "start the recording before the circle program", code="table.still"
+            where, "the robot stood still", "start the recording before the circle program", code="readings.unsuitable"
         )
     laps = _cut_out(table, rig, where)
     vars(table)["_laps"] = (cell, laps)
@@ -233,7 +233,10 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
         else:
             jump = f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s"
             raise FileError(
-                where, jump, "check the feedback's units and wrap-around, or remove the bad rows", code="circle.jump"
+                where,
+                jump,
+                "check the feedback's units and wrap-around, or remove the bad rows",
+                code="readings.unsuitable",
             )
     return slice(rows.start + begin, rows.start + end)
 
@@ -259,7 +262,7 @@ def _require_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool
             f"circle in the rig file (radius {frame.radius:g} mm)"
         )
         raise FileError(
-            where, problem, "correct tests.circle, robot.tool or the units of the feedback", code="circle.elsewhere"
+            where, problem, "correct tests.circle, robot.tool or the units of the feedback", code="readings.unsuitable"
         )
 
 
@@ -271,4 +274,4 @@ def _require_covered(where: str, ahead: Array, sense: float, start: float) -> No
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
         problem = f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)"
         remedy = "record the complete circle, including lead-in and lead-out, on a less busy computer"
-        raise FileError(where, problem, remedy, code="circle.gap")
+        raise FileError(where, problem, remedy, code="readings.unsuitable")

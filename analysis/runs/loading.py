@@ -159,9 +159,9 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
         if table.rail:
             problem = f"has {RAIL}, but the arm of the rig file has no rail"
-            raise FileError(str(path), problem, "add robot.rail to it", code="table.rail")
+            raise FileError(str(path), problem, "add robot.rail to it", code="table.invalid")
         problem = f"lacks {RAIL}, but the arm of the rig file is on a rail"
-        raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row", code="table.rail")
+        raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row", code="table.invalid")
     table, counted_further = without_whole_turns(average_standstills(table), rig)
     doubts += [*counted_further, *beyond_limits(table, rig)]
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
@@ -176,7 +176,7 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
         problem = f"was made from a replay out of step ({out_of_step}), so the results would be wrong"
         remedy = "repeat the replay on a less busy computer, and record that replay"
-        raise FileError(str(run.path), problem, remedy, code="run.out_of_step")
+        raise FileError(str(run.path), problem, remedy, code="run.damaged")
     certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
         remedy = f"{missing.remedy}, then repeat the import"
@@ -184,7 +184,7 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
             str(run.path),
             f"is a {run.manifest.test} run, but the rig file {missing.problem}",
             remedy,
-            code="gauge.missing",
+            code="rig_file.invalid",
         )
     if not certified:
         return _doubts(run)
@@ -268,5 +268,5 @@ def motion_in(run: Run) -> RobotMotion:
     table = table_from(run.table, run.manifest.test, direction, str(path))
     if not isinstance(table, CircleTable):
         problem = f"is a {run.manifest.test} table, which has single readings without motion"
-        raise FileError(str(path), problem, "give a circle run, or a recorded run", code="run.no_motion")
+        raise FileError(str(path), problem, "give a circle run, or a recorded run", code="readings.unsuitable")
     return RobotMotion(str(path), table.t_s, table.q, direction)

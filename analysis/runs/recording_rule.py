@@ -29,11 +29,11 @@ def rule_of(run: Run) -> Rule:
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(
-            where, "contains a table without a robot stream", "give a run recorded by rigd", code="rule.no_robot"
+            where, "contains a table without a robot stream", "give a run recorded by rigd", code="readings.unsuitable"
         )
     if manifest.test in OF_ISO9283:
         problem = f"is a {manifest.test} test, which rigd cannot record"
-        raise FileError(where, problem, "give a recorded run of a different test", code="rule.unsuitable_test")
+        raise FileError(where, problem, "give a recorded run of a different test", code="readings.unsuitable")
     robot = run.streams["robot"]
     # the value that lasted longest after a change of the signal, if any
     signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
@@ -48,7 +48,7 @@ def rule_of(run: Run) -> Rule:
         return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
     except ValidationError as error:
         problem = f"cannot be turned into a rule: {first_error(error)}"
-        raise FileError(where, problem, "record its program again", code="rule.invalid") from None
+        raise FileError(where, problem, "record its program again", code="readings.unsuitable") from None
 
 
 def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
@@ -62,14 +62,16 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
     kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # sufficient to detect a standstill
     t_s, q_deg = t_s[kept], q_deg[kept]
     if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
-        raise FileError(where, "the robot stood still", "start the recording before the program", code="rule.still")
+        raise FileError(
+            where, "the robot stood still", "start the recording before the program", code="readings.unsuitable"
+        )
     begins = _leaves(q_deg, STILL_DEG)
     if t_s[begins - 1] < STOOD_S:
         raise FileError(
             where,
             "the robot is already moving at the start of the run",
             "record from before the program starts",
-            code="rule.moving",
+            code="readings.unsuitable",
         )
     start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
     begin, longest_s = begins, 0.0

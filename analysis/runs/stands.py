@@ -126,7 +126,7 @@ def visits_of(
     stands = [at[k][0] for k in fits]
     if not stands:
         remedy = "correct tests.hemisphere, or record the program of that test"
-        raise FileError(where, "the robot did not rest at any target", remedy, code="table.no_stops")
+        raise FileError(where, "the robot did not rest at any target", remedy, code="table.invalid")
     rows = np.array([at[k][1] for k in fits], dtype=np.int64)
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
     if missing:
@@ -193,7 +193,7 @@ def require_postures(q: Array, where: str) -> None:
         where,
         problem,
         "measure other postures also, in the whole working space (rig plan --poses)",
-        code="table.one_posture",
+        code="readings.too_few",
     )
 
 

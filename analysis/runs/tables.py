@@ -502,7 +502,7 @@ class TableFormat(ABC, Generic[T]):
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
         """Table of a recorded run, and doubts as text. Raises FileError."""
         problem = f"a recorded {self.test} run has no measuring instrument"
-        raise FileError(where, problem, "import the table with rig import", code="test.not_recorded")
+        raise FileError(where, problem, "import the table with rig import", code="readings.unsuitable")
 
     def stands(self, table: T) -> Mask | None:
         """Mask (n,) of the rows that start a standstill of the robot.
@@ -531,7 +531,7 @@ def format_of(test: TestName) -> TableFormat[Table]:
         reason = str(error)
     problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
     remedy = "offer a class of test kinds, as docs/how-to/add-a-test-kind.md shows, or uninstall that package"
-    raise FileError(f"test {test}", problem, remedy, code="test.unusable")
+    raise FileError(f"test {test}", problem, remedy, code="package.missing")
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
@@ -543,7 +543,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
         problem = f"the table has no {', '.join(missing) or 'rows'}"
-        raise FileError(where, problem, "import the table again", code="table.columns")
+        raise FileError(where, problem, "import the table again", code="table.invalid")
     table = table_format.table_of(rows, direction, where)
     check_table_rows(table, where)
     return table
@@ -589,7 +589,7 @@ def check_table_rows(table: Table, where: str) -> None:
         if len(back):
             row = int(back[0]) + 1
             problem = f"row {row + 1}: time does not increase, {t_s[row]:g} s after {t_s[row - 1]:g} s"
-            raise FileError(where, problem, _REMEDY, code="table.times")
+            raise FileError(where, problem, _REMEDY, code="table.invalid")
 
 
 def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
@@ -597,4 +597,4 @@ def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> 
     if not good.all():
         row = int(np.argmin(good))
         values = ", ".join(f"{value:g}" for value in rows[row])
-        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY, code="table.value")
+        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY, code="table.invalid")

@@ -197,7 +197,7 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
         ) from None
     if table.num_rows >= _SHEET_ROWS:
         problem = f"has {table.num_rows} rows, but a sheet can contain only {_SHEET_ROWS - 1}"
-        raise FileError("xlsx", problem, "export the run as csv or parquet", code="output.form")
+        raise FileError("xlsx", problem, "export the run as csv or parquet", code="output.invalid")
     book = openpyxl.Workbook(write_only=True)
     sheet = book.create_sheet("table")
     sheet.freeze_panes = "A2"

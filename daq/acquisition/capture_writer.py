@@ -46,7 +46,7 @@ class CaptureWriter(clock.StoppableThread):
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
             problem, remedy = error.strerror or str(error), "give --capture a different file"
-            raise FileError(str(self._path), problem, remedy, code="capture.not_writable") from None
+            raise FileError(str(self._path), problem, remedy, code="output.not_writable") from None
         lines = [HEAD]
         for stream in self._streams:
             settings = f", {stream.line}" if stream.port.startswith("/") else ""

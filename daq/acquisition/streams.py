@@ -50,7 +50,7 @@ def streams_of(rig: Rig) -> list[Stream]:
     if isinstance(rig.feedback, NoFeedback):
         problem = "has neither gauges nor feedback to read"
         remedy = "add feedback to the rig file, and gauges for circles; poses of a tracker are imported: rig import"
-        raise CellError(rig.name, problem, remedy, code="rig_file.nothing_to_read")
+        raise CellError(rig.name, problem, remedy, code="rig_file.invalid")
     members = rig.gauges.recorded
     streams = []
     for names in gauge_groups(rig):

@@ -67,7 +67,7 @@ def ask_daemon(rig: str) -> dict[str, Any] | None:
         closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
         if closed:
             problem, remedy = "this user has no permission to query the daemon", "join the group rig, or use sudo"
-            raise CellError(str(closed[0]), problem, remedy, code="daemon.permission") from None
+            raise CellError(str(closed[0]), problem, remedy, code="daemon.refused") from None
         return None
     with Client(path) as client:
         return client.ask("status")

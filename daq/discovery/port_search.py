@@ -308,7 +308,7 @@ class PortWatch:
         with self._lock:
             for place, why in self._lost.items():
                 remedy = "check the cable, and repeat rig init: it continues here"
-                raise CellError(place, f"was lost ({why})", remedy, code="port.lost")
+                raise CellError(place, f"was lost ({why})", remedy, code="port.silent")
             return {place: values[-1] for place, values in self._latest.items() if values}
 
     def measure_rest(self) -> None:

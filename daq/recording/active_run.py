@@ -51,7 +51,7 @@ def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> Non
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")
         if not states:
             problem = f"is required by the {test} test, but missing in the rig file"
-            raise CellError(name, problem, f"add gauges.{name}", code="gauge.missing")
+            raise CellError(name, problem, f"add gauges.{name}", code="rig_file.invalid")
         if states[0].age_s.get(column, 1e9) > _FRESH_S:
             last = states[0].last_fault or "nothing was received"
             stale = f"no reading in the last {_FRESH_S:.0f} s ({last})"
@@ -95,7 +95,7 @@ class RecordingGap:
         with suppress(OSError):
             is_mounted = self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device
         if not is_mounted:
-            raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.stopped")
+            raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.none")
         try:
             if self.previous.is_dir():
                 recover_and_log(self.previous)

@@ -57,7 +57,7 @@ def resolved(name: str) -> Sequence[str]:
         addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         problem = f"cannot be resolved here: {getattr(error, 'strerror', None) or error}"
-        raise CellError(name, problem, "write the IP address into the rig file", code="address.unresolved") from None
+        raise CellError(name, problem, "write the IP address into the rig file", code="address.invalid") from None
     return [str(address[4][0]) for address in addresses]
 
 

@@ -41,7 +41,7 @@ class Client:
             sock.connect(str(self._path))
             if (user := peer_user(sock)) not in owners:
                 problem = f"a program of a different user (number {user}) answers here"
-                raise CellError(str(self._path), problem, "stop it, then restart rigd: rigd RIG", code="daemon.foreign")
+                raise CellError(str(self._path), problem, "stop it, then restart rigd: rigd RIG", code="daemon.refused")
         except BaseException as error:
             sock.close()
             if isinstance(error, BlockingIOError):
@@ -49,10 +49,10 @@ class Client:
                 raise CellError(str(self._path), problem, _RESTART, code="daemon.busy") from None
             if isinstance(error, PermissionError):
                 remedy = "join the group of rigd, or use sudo"
-                raise CellError(str(self._path), "permission denied", remedy, code="daemon.permission") from None
+                raise CellError(str(self._path), "permission denied", remedy, code="daemon.refused") from None
             if isinstance(error, OSError):
                 problem = "rigd does not answer here"
-                raise CellError(str(self._path), problem, "start rigd: rigd RIG", code="daemon.none") from None
+                raise CellError(str(self._path), problem, "start rigd: rigd RIG", code="daemon.silent") from None
             raise
         self._sock = sock
         return self
@@ -72,11 +72,11 @@ class Client:
         except TimeoutError:
             problem = f"rigd has not answered for {ANSWERS_S:.0f} s"
             remedy = "the disk may be slow: see rig status, and the log"
-            raise CellError(str(self._path), problem, remedy, code="daemon.no_answer") from None
+            raise CellError(str(self._path), problem, remedy, code="daemon.silent") from None
         except OSError:
             line = b""
         if not line:
-            raise CellError(str(self._path), "rigd closed the connection", _RESTART, code="daemon.closed")
+            raise CellError(str(self._path), "rigd closed the connection", _RESTART, code="daemon.silent")
         try:
             answer = read_answer(command, line)
         except ValueError as error:
@@ -84,7 +84,7 @@ class Client:
                 f"a program other than rigd answers here: {error}",
                 "restart rigd in this version: rigd RIG",
             )
-            raise CellError(str(self._path), problem, remedy, code="daemon.foreign") from None
+            raise CellError(str(self._path), problem, remedy, code="daemon.refused") from None
         if not answer.pop("ok"):
             refusal = RigError(answer["where"], answer["what"], answer["remedy"], code=answer.get("code", ""))
             refusal.exit_code = answer["exit_code"]
@@ -95,7 +95,7 @@ class Client:
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"the answer exceeds {LONGEST_ANSWER} bytes, so this program is not rigd"
-                raise CellError(str(self._path), problem, _RESTART, code="daemon.foreign")
+                raise CellError(str(self._path), problem, _RESTART, code="daemon.refused")
             self._sock.settimeout(max(0.001, until_s - clock.now_s()))
             received = self._sock.recv(65536)
             if not received:
@@ -113,9 +113,11 @@ def find_socket(rig: str | None = None) -> Path:
         return served[0]
     if not served:
         whom = f" for {rig}" if rig else ""
-        raise CellError("rigd", f"no daemon{whom} is visible to this user", "start rigd: rigd RIG", code="daemon.none")
+        raise CellError(
+            "rigd", f"no daemon{whom} is visible to this user", "start rigd: rigd RIG", code="daemon.silent"
+        )
     names = ", ".join(path.stem for path in served)
-    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME", code="daemon.several")
+    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME", code="daemon.busy")
 
 
 def sockets() -> list[Path]:

@@ -78,7 +78,7 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
     except ValidationError as error:
         problem = f"invalid samples request: {error.errors(include_url=False)[0]['msg']}"
         remedy = 'send {"command": "samples", "after": {"g1": 0}}'
-        raise CellError("control socket", problem, remedy, code="daemon.bad_request") from None
+        raise CellError("control socket", problem, remedy, code="daemon.refused") from None
     streams = {}
     for name, buffer in buffers.items():
         newest, samples = buffer.recent(asked.after.get(name, 0))
@@ -201,7 +201,7 @@ class Daemon:
                 return {}
             case other:
                 commands = "available: status, samples, metrics, record_start, record_stop, judged"
-                raise CellError("rigd", f"unknown command {_short(other)}", commands, code="request.unknown_command")
+                raise CellError("rigd", f"unknown command {_short(other)}", commands, code="request.invalid")
 
     def _open_links(self) -> dict[str, Link]:
         links: dict[str, Link] = {}
@@ -289,7 +289,7 @@ def _text_in(request: Mapping[str, Any], key: str) -> str:
     text = request.get(key)
     if not isinstance(text, str):
         problem, remedy = f"{key} {_short(text)} must be text", "send the name of the run and the problem"
-        raise UseError("judged", problem, remedy, code="request.type")
+        raise UseError("judged", problem, remedy, code="request.invalid")
     return plain(text[:_MOST_SAID])
 
 
@@ -303,11 +303,11 @@ def _label(request: dict[str, Any]) -> RunLabel:
         pattern = detail["type"] == "string_pattern_mismatch"
         problem = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
         remedy = NAME_RULE if pattern else "see rig record start --help"
-        raise UseError("recording", problem, remedy, code="request.value") from None
+        raise UseError("recording", problem, remedy, code="request.invalid") from None
     if label.test in CIRCLES and label.direction is None:
         where, remedy = f"{label.test} test", "add --direction cw or --direction acw"
-        raise UseError(where, "needs its direction", remedy, code="request.no_direction")
+        raise UseError(where, "needs its direction", remedy, code="request.invalid")
     if label.test not in CIRCLES and label.direction is not None:
         problem = f"a {label.test} test does not have a direction"
-        raise UseError("--direction", problem, "remove it", code="request.direction")
+        raise UseError("--direction", problem, "remove it", code="request.invalid")
     return label

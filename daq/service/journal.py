@@ -76,7 +76,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
         remedy = "a manually started rigd logs to its terminal"
-        raise CellError(unit, "the system has no journal", remedy, code="daemon.no_log")
+        raise CellError(unit, "the system has no journal", remedy, code="daemon.silent")
     command = ["journalctl", "--output=json", "--quiet", "--no-pager", f"--unit={unit}"]
     command += ([f"--since={since}"] if since else []) + (["--follow", "--lines=50"] if follow else [])
     has_entries = False
@@ -91,11 +91,11 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
         finally:
             journal.terminate()
     if complaint and _NO_UNIT not in complaint:
-        raise CellError("journal", complaint.splitlines()[0], "see man journalctl", code="daemon.no_log")
+        raise CellError("journal", complaint.splitlines()[0], "see man journalctl", code="daemon.silent")
     if not has_entries:
         problem = "nothing in the journal" + (f" since {since}" if since else "") + " visible to this user"
         remedy = "start the service: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo"
-        raise CellError(unit, problem, remedy, code="daemon.no_log")
+        raise CellError(unit, problem, remedy, code="daemon.silent")
 
 
 def entry(fields: dict[str, Any]) -> JournalEntry:

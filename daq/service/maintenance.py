@@ -38,11 +38,11 @@ class Maintenance(clock.StoppableThread):
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
                     problem = "exists already and is not a metrics file of rigd"
                     remedy = "choose a different --metrics, or remove it first"
-                    raise CellError(str(self._metrics), problem, remedy, code="metrics.foreign_file")
+                    raise CellError(str(self._metrics), problem, remedy, code="output.not_writable")
                 write_atomically(self._metrics, self._text())
             except OSError as error:
                 problem, remedy = f"cannot be written: {error.strerror or error}", "choose a different --metrics"
-                raise CellError(str(self._metrics), problem, remedy, code="metrics.not_writable") from None
+                raise CellError(str(self._metrics), problem, remedy, code="output.not_writable") from None
         super().start()
 
     def run(self) -> None:

@@ -40,7 +40,7 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
         status = place.lstat()
         if status.st_uid not in owners and open_to_all:
             problem = f"{place} belongs to a different user (number {status.st_uid})"
-            raise CellError(str(path), problem, _REMEDY, code="daemon.untrusted")
+            raise CellError(str(path), problem, _REMEDY, code="daemon.refused")
         owners.add(status.st_uid)
         if stat.S_ISLNK(status.st_mode):
             return require_trusted_owner(place.resolve() / path.absolute().relative_to(place))
@@ -50,13 +50,13 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
         open_to_all = writable and bool(status.st_mode & stat.S_ISVTX)
         if writable and not open_to_all:
             raise CellError(
-                str(path), f"{place} can be written by other users", f"chmod go-w {place}", code="daemon.untrusted"
+                str(path), f"{place} can be written by other users", f"chmod go-w {place}", code="daemon.refused"
             )
     if not stat.S_ISSOCK(status.st_mode):
-        raise CellError(str(path), "is not a socket", _REMEDY, code="daemon.socket")
+        raise CellError(str(path), "is not a socket", _REMEDY, code="daemon.refused")
     if status.st_mode & stat.S_IWOTH:
         problem = "allows every user of this computer to control rigd"
-        raise CellError(str(path), problem, f"chmod o-rwx {path}", code="daemon.untrusted")
+        raise CellError(str(path), problem, f"chmod o-rwx {path}", code="daemon.refused")
     return frozenset(owners)
 
 
@@ -82,19 +82,19 @@ class InstanceLock:
             status = directory.stat()
         except OSError as error:
             remedy = "choose a different --socket"
-            raise CellError(str(directory), error.strerror or str(error), remedy, code="daemon.socket") from None
+            raise CellError(str(directory), error.strerror or str(error), remedy, code="daemon.refused") from None
         if status.st_uid not in (geteuid(), 0):
             remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
-            raise CellError(str(directory), "belongs to a different user", remedy, code="lock.untrusted")
+            raise CellError(str(directory), "belongs to a different user", remedy, code="daemon.refused")
         if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             problem = "is writable for other users, who could replace the socket of rigd"
             remedy = "give --socket in a private directory, or chmod go-w this directory"
-            raise CellError(str(directory), problem, remedy, code="daemon.untrusted")
+            raise CellError(str(directory), problem, remedy, code="daemon.refused")
         lock = cls(str(directory.resolve() / socket_path.name))
         if lock.holder is not None:
             problem = f"a different rigd (process {lock.holder}) serves this rig"
             remedy = "stop that daemon, or query it with rig status"
-            raise CellError(rig, problem, remedy, code="daemon.second")
+            raise CellError(rig, problem, remedy, code="daemon.busy")
         return lock
 
     @classmethod
@@ -110,7 +110,7 @@ class InstanceLock:
         if lock.holder is not None:
             problem = f"a different rigd (process {lock.holder}) reads the gauge at {port}"
             remedy = "stop that rigd, or correct the port in the rig file"
-            raise CellError(name, problem, remedy, code="gauge.in_use")
+            raise CellError(name, problem, remedy, code="port.in_use")
         return lock
 
     def __init__(self, name: str) -> None:

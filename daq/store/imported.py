@@ -86,12 +86,12 @@ def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None
                 durable.close(lock)
     except FileExistsError:
         raise FileError(
-            str(path), "exists already", "choose a different --output, or remove it first", code="file.exists"
+            str(path), "exists already", "choose a different --output, or remove it first", code="output.exists"
         ) from None
     except (OSError, pa.ArrowException) as error:
         problem = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         remedy = durable.remedy(error, "make room or choose a different directory")
-        raise CellError(str(path), f"cannot be written: {problem}", remedy, code="run.not_writable") from error
+        raise CellError(str(path), f"cannot be written: {problem}", remedy, code="output.not_writable") from error
     return load_manifest(path)
 
 

@@ -112,7 +112,7 @@ def no_run(path: Path) -> FileError:
     """Error for a path that is not a directory; suggests the recorded run of that name, which begins with the time."""
     if path.exists():
         return FileError(
-            str(path), "is a file, not the directory of a run", "give the directory of a run", code="run.is_file"
+            str(path), "is a file, not the directory of a run", "give the directory of a run", code="run.missing"
         )
     try:
         alike = path.parent.glob(f"*_{glob.escape(path.name)}") if path.name else ()
@@ -263,7 +263,7 @@ class Ledger:
         ledger = read_ledger(run)
         if ledger.unread_lines:
             problem = f"has lines in {LEDGER} that cannot be verified, and continuing would replace them"
-            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps these lines", code="run.unverified")
+            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps these lines", code="run.damaged")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
     def append(self, entry: LedgerEntry) -> None:

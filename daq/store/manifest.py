@@ -73,7 +73,7 @@ def check_operator(name: str) -> str:
         return operator_name(name)
     except ValueError as error:
         problem, _, remedy = str(error).rpartition("; ")
-        raise UseError("--operator", problem, remedy, code="request.operator") from None
+        raise UseError("--operator", problem, remedy, code="request.invalid") from None
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
@@ -213,7 +213,7 @@ def new_manifest(*, rig_text: str, streams: Mapping[str, tuple[str, ...]], **fac
         )
     except ValidationError as error:
         name = facts.get("name")
-        raise FileError(f"run {name!r}", first_error(error), "choose other names", code="run.newer_version") from None
+        raise FileError(f"run {name!r}", first_error(error), "choose other names", code="file.invalid") from None
 
 
 class UnknownTestError(FileError):
@@ -245,11 +245,11 @@ def load_manifest(run: Path) -> Manifest:
                 str(run),
                 "is not a run but a directory of runs",
                 f"give a run, such as {run}/NAME",
-                code="run.is_directory_of_runs",
+                code="run.missing",
             ) from None
         if not any(parse_chunk(file.name) for file in run.iterdir()):
             raise FileError(str(run), "contains no run", "give the directory of a run", code="run.missing") from None
-        raise FileError(str(run), "has no manifest.json", to_recover(run), code="run.no_manifest") from None
+        raise FileError(str(run), "has no manifest.json", to_recover(run), code="run.damaged") from None
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error) or _of_another_package(path, error):
             raise newer from None
@@ -268,7 +268,7 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
         str(path),
         problem,
         "install the package of the test, or use the run on the original computer",
-        code="run.unknown_test",
+        code="readings.unsuitable",
     )
 
 
@@ -277,7 +277,7 @@ def unreadable(path: Path, error: OSError) -> FileError:
     remedy = (
         "close other programs, or read it on a different computer" if short else "check the disk and the permissions"
     )
-    return FileError(str(path), f"cannot be read: {error.strerror}", remedy, code="run.unreadable")
+    return FileError(str(path), f"cannot be read: {error.strerror}", remedy, code="run.damaged")
 
 
 def clock_now() -> Clock:

@@ -107,7 +107,7 @@ def _locked(run: Path, changed: str) -> Iterator[None]:
     except OSError as error:
         problem = f"cannot be {changed}: {error.strerror or error}"
         remedy = "run the command as the owner of the run, with enough disk space"
-        raise CellError(str(run), problem, remedy, code="run.not_writable") from None
+        raise CellError(str(run), problem, remedy, code="output.not_writable") from None
 
 
 def relabel(
@@ -127,7 +127,7 @@ def relabel(
         manifest = load_manifest(run)
         if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
             problem = "was not closed: the recording crashed"
-            raise FileError(str(run), problem, to_recover(run), code="run.not_closed")
+            raise FileError(str(run), problem, to_recover(run), code="run.in_use")
         changed = _relabelled(run, manifest, test, direction, operator, placement)
         if changed != manifest and changed.version == 1:
             changed.save(run)
@@ -167,7 +167,7 @@ def _relabelled(
     try:
         return manifest.updated(**words, relabelled=[*history, *changes])
     except ValidationError as error:
-        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="request.placement") from None
+        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="request.invalid") from None
 
 
 def _test_and_direction(
@@ -177,18 +177,18 @@ def _test_and_direction(
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"contains data of a {manifest.test} test, which cannot be relabelled as a {test} test"
-        raise FileError(str(run), problem, f"import the data with --test {test}", code="run.not_editable")
+        raise FileError(str(run), problem, f"import the data with --test {test}", code="readings.unsuitable")
     if test not in CIRCLES:
         if direction is not None:
             problem = f"a {test} test does not have a direction"
-            raise UseError("--direction", problem, "leave --direction out", code="request.direction")
+            raise UseError("--direction", problem, "leave --direction out", code="request.invalid")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
         problem = f"a {test} test needs a direction, which this run does not have"
-        raise FileError(str(run), problem, "add --direction acw or cw", code="run.no_direction")
+        raise FileError(str(run), problem, "add --direction acw or cw", code="readings.unsuitable")
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
         problem = f"contains an imported table with the direction {manifest.direction} in its rows"
         remedy = f"import the table with --direction {direction} and without the direction column"
-        raise FileError(str(run), problem, remedy, code="run.not_editable")
+        raise FileError(str(run), problem, remedy, code="readings.unsuitable")
     return {"test": test, "direction": direction or manifest.direction}

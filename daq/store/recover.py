@@ -77,7 +77,7 @@ def recover(path: Path) -> Recovery:
             getattr(error, "errno", None) or 0, durable.remedy(error, "free some space or repair the disk, then retry")
         )
         raise CellError(
-            str(path), f"cannot be recovered: {words}", f"{remedy}; no data were lost", code="run.not_recovered"
+            str(path), f"cannot be recovered: {words}", f"{remedy}; no data were lost", code="run.damaged"
         ) from error
 
 
@@ -106,9 +106,7 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
         opening = _opening_in(path)
         if opening is None:
             problem = f"{error.what}; and all chunks with a description of the run are missing"
-            raise FileError(
-                error.where, problem, "restore manifest.json from a copy", code="run.not_recovered"
-            ) from None
+            raise FileError(error.where, problem, "restore manifest.json from a copy", code="run.damaged") from None
     entries = read_ledger(path).entries
     for file, spoilt in ((MANIFEST, True), (LEDGER, bool(entries) and entries[0].opening != sha256(opening))):
         if spoilt and (path / file).exists():

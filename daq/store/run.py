@@ -65,7 +65,7 @@ def closed_manifest(path: Path) -> Manifest:
     if locked:
         raise FileError(str(path), *BEING_RECORDED, code="run.in_use")
     if recording or any(path.glob("*.arrow")):
-        raise FileError(str(path), "was not closed: the recording crashed", to_recover(path), code="run.not_closed")
+        raise FileError(str(path), "was not closed: the recording crashed", to_recover(path), code="run.in_use")
     return manifest
 
 
@@ -98,12 +98,12 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
         data = read_bytes(file, MOST_BYTES)
     except FileNotFoundError:
         raise FileError(
-            str(file), "is missing, although the ledger lists this chunk", remedy, code="run.chunk_missing"
+            str(file), "is missing, although the ledger lists this chunk", remedy, code="run.damaged"
         ) from None
     except OSError as error:
         raise unreadable(file, error) from None
     if sha256(data) != chunk.sha256:
-        raise FileError(str(file), "has changed since the recording (SHA-256)", remedy, code="run.changed")
+        raise FileError(str(file), "has changed since the recording (SHA-256)", remedy, code="run.damaged")
     try:
         table = from_parquet(data, columns)
     except OSError as error:

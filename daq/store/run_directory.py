@@ -38,7 +38,7 @@ class NearlyFull(CellError):
 
     def __init__(self, place: Path, free: int, needed: int) -> None:
         problem = f"disk nearly full: {free / 1e6:.1f} MB free, {needed / 1e6:.1f} MB needed"
-        super().__init__(str(place), problem, "make room", code="disk.nearly_full")
+        super().__init__(str(place), problem, "make room", code="disk.full")
 
 
 def require_room(place: Path, needed: int) -> None:
@@ -90,7 +90,7 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
     if not (run / MANIFEST).exists():
         vanished.append(run / MANIFEST)
     if vanished:
-        raise CellError(str(vanished[0]), "disappeared during the recording", _WHO_DELETES, code="run.removed")
+        raise CellError(str(vanished[0]), "disappeared during the recording", _WHO_DELETES, code="run.damaged")
 
 
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:

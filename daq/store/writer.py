@@ -92,7 +92,7 @@ class RunWriter:
         except OSError as error:
             remedy = durable.remedy(error, "make room or choose a different directory")
             raise CellError(
-                str(runs), f"cannot be written: {_words(error)}", remedy, code="run.not_writable"
+                str(runs), f"cannot be written: {_words(error)}", remedy, code="output.not_writable"
             ) from error
         writers = {
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
@@ -244,4 +244,4 @@ def _refused(run: Path, error: Exception) -> CellError:
         return RunRemoved(run)
     remedy = durable.remedy(error, "free some space or repair the disk")
     safe = f"all synced data are safe: `rig recover {as_argument(run)}`"
-    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}", code="run.not_writable")
+    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}", code="output.not_writable")

@@ -319,7 +319,7 @@ def _reported(where: str) -> Iterator[None]:
         raise CellError(where, problem, remedy, code="address.invalid") from None
     except OSError as error:
         problem = error.strerror or str(error)
-        raise CellError(where, problem, "check address and network", code="port.unreachable") from None
+        raise CellError(where, problem, "check address and network", code="port.silent") from None
 
 
 def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
@@ -334,7 +334,7 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
             sock.bind(endpoint)
     except OSError as error:
         sock.close()
-        raise CellError(where, f"cannot be bound: {error.strerror or error}", _OURS, code="port.not_bound") from None
+        raise CellError(where, f"cannot be bound: {error.strerror or error}", _OURS, code="port.refused") from None
     return UdpLink(name, sock, None if listens else endpoint)
 
 
@@ -345,7 +345,7 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
             sock = socket.create_connection(address, timeout=_CONNECT_S)
         except TimeoutError:
             problem, remedy = f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall"
-            raise CellError(where, problem, remedy, code="port.no_answer") from None
+            raise CellError(where, problem, remedy, code="port.silent") from None
         except ConnectionRefusedError:
             remedy = "start the service there, or correct the port number"
             raise CellError(where, "connection refused", remedy, code="port.refused") from None
@@ -361,6 +361,6 @@ def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
         server = socket.create_server(endpoint[:2], family=family, backlog=1)
     except OSError as error:  # with the plain message of the system, stripped of additions by Python
         why = os.strerror(error.errno) if error.errno else str(error)
-        raise CellError(where, f"cannot listen: {why}", _OURS, code="port.not_bound") from None
+        raise CellError(where, f"cannot listen: {why}", _OURS, code="port.refused") from None
     server.setblocking(False)
     return ListeningLink(name, server, dead_s)

@@ -79,10 +79,10 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
         else:
             problem = f"cannot be opened as a serial port ({error.strerror or text})"
             remedy = "give the path of a serial port"
-        raise CellError(where, problem, remedy, code="port.not_opened") from None
+        raise CellError(where, problem, remedy, code="port.refused") from None
     except (OSError, ValueError, termios.error) as error:
         problem = f"is not a serial device ({error})"
-        raise CellError(where, problem, "give the path of a serial port", code="port.not_serial") from None
+        raise CellError(where, problem, "give the path of a serial port", code="port.missing") from None
     return device
 
 

@@ -191,7 +191,7 @@ def test_a_diagnosis_in_plain_types_and_as_a_table():
 
 
 def test_a_run_given_twice_is_refused(laps):
-    with refused("run.copy"):
+    with refused("run.copied"):
         diagnose(laps, hold_out=laps[:1])
 
 
@@ -203,7 +203,7 @@ def test_nothing_is_printed(laps, capfd):
 
 @pytest.mark.parametrize("call", [compare, diagnose, lambda runs: calibrate(runs, "backlash:1")])
 def test_no_runs_are_an_error_of_one_line(call):
-    with refused("api.none_given"):
+    with refused("argument.invalid"):
         call([])
 
 
@@ -228,29 +228,29 @@ def test_a_path_stands_for_its_run(laps, kept):
         evaluate(laps[0]).figures["band_deg"].value, abs=1e-9
     )
     assert compare(kept).to_dict()["runs"]
-    with refused("api.value"):
+    with refused("argument.invalid"):
         evaluate(kept, like=laps[0])
 
 
 @pytest.mark.parametrize(
     ("call", "code", "where"),
     [
-        (lambda: evaluate(5), "api.type", "run"),
-        (lambda: calibrate(5), "api.type", "run"),
-        (lambda: evaluate_runs([None]), "api.type", "run"),
-        (lambda: simulate("ur10e-cell", "yaw", "left"), "request.direction", "direction"),
-        (lambda: simulate("ur10e-cell", "yaw"), "run.no_direction", "yaw test"),
-        (lambda: simulate("ur10e-cell", "yow", "cw"), "request.unknown_test", "test"),
-        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "api.not_numbers", "q_deg"),
+        (lambda: evaluate(5), "argument.invalid", "run"),
+        (lambda: calibrate(5), "argument.invalid", "run"),
+        (lambda: evaluate_runs([None]), "argument.invalid", "run"),
+        (lambda: simulate("ur10e-cell", "yaw", "left"), "request.invalid", "direction"),
+        (lambda: simulate("ur10e-cell", "yaw"), "readings.unsuitable", "yaw test"),
+        (lambda: simulate("ur10e-cell", "yow", "cw"), "request.invalid", "test"),
+        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "argument.invalid", "q_deg"),
         (lambda: analysis.calibrated_arm("ur55"), "file.missing", "ur55"),
-        (lambda: analysis.calibrated_arm(5), "api.type", "rig"),
-        (lambda: analysis.read_table("table.csv", 5), "api.type", "rig"),
-        (lambda: save_run(5, "run"), "api.type", "run"),
-        (lambda: simulate("ur10e-cell", "yaw", "cw", seed=-1), "api.value", "seed"),
-        (lambda: simulate("ur10e-cell", "yaw", "cw", effects=["x"]), "api.value", "effects"),
-        (lambda: diagnose("run", tolerance_um=0), "api.value", "tolerance_um"),
-        (lambda: analysis.read_table("a.csv", "ur5", joints="read"), "api.value", "joints"),
-        (lambda: analysis.read_table("a.csv", "ur5", operator=None), "api.value", "operator"),
+        (lambda: analysis.calibrated_arm(5), "argument.invalid", "rig"),
+        (lambda: analysis.read_table("table.csv", 5), "argument.invalid", "rig"),
+        (lambda: save_run(5, "run"), "argument.invalid", "run"),
+        (lambda: simulate("ur10e-cell", "yaw", "cw", seed=-1), "argument.invalid", "seed"),
+        (lambda: simulate("ur10e-cell", "yaw", "cw", effects=["x"]), "argument.invalid", "effects"),
+        (lambda: diagnose("run", tolerance_um=0), "argument.invalid", "tolerance_um"),
+        (lambda: analysis.read_table("a.csv", "ur5", joints="read"), "argument.invalid", "joints"),
+        (lambda: analysis.read_table("a.csv", "ur5", operator=None), "argument.invalid", "operator"),
     ],
 )
 def test_wrong_argument_is_refused_by_name(call, code, where):
@@ -280,7 +280,7 @@ def test_columns_determine_the_test_of_a_table(tmp_path):
     run = read_table(tmp_path / "poses.csv", "ur5")
     assert run.run.manifest.test == "pose" and evaluate(run).figures["rms_mm"].value < 0.2
     (tmp_path / "none.csv").write_text("a,b,c\n1,2,3\n4,5,6\n", encoding="utf-8")
-    with refused("table.no_test_fits"):
+    with refused("table.unclear"):
         read_table(tmp_path / "none.csv", "ur5")
 
 

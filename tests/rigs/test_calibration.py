@@ -142,7 +142,7 @@ def test_wrong_content_is_one_line(case, tmp_path):
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"null"])
 def test_invalid_json_is_one_line(content, tmp_path):
-    with refused("calibration.damaged") as told:
+    with refused("calibration.invalid") as told:
         load(_named_as(tmp_path, content))
     assert len(told.value.lines()) == 1
 
@@ -150,7 +150,7 @@ def test_invalid_json_is_one_line(content, tmp_path):
 def test_a_changed_file_is_refused(tmp_path):
     rig_file, beside = written(tmp_path)
     beside.write_text(beside.read_text().replace("-0.4", "-0.5", 1))
-    with refused("calibration.changed") as told:
+    with refused("calibration.invalid") as told:
         load(rig_file)
     assert told.value.where == str(beside) and len(told.value.lines()) == 1
 
@@ -328,7 +328,7 @@ def _with_term(**changed: Any) -> dict[str, Any]:
 def test_a_calibration_that_cannot_be_that_of_the_rig_is_refused(tmp_path, changed, why):
     model = CalibratedModel.model_construct(**dict(GOOD) | changed)
     rig_file, beside = written(tmp_path, model)
-    with refused("calibration.contradicts_rig") as told:
+    with refused("calibration.invalid") as told:
         load(str(rig_file))
     assert str(told.value).startswith(f"{beside}: ")
     assert why in str(told.value)

@@ -1,8 +1,11 @@
+import ast
 import copy
 import pickle
+from pathlib import Path
 
 import pytest
 
+from rigs.error_codes import ERROR_CODES
 from rigs.errors import CellError, FileError, PathError, RigPlace
 from rigs.load import load, named_by
 
@@ -21,8 +24,8 @@ def test_long_message_keeps_place_and_remedy():
     ("error", "code"),
     [
         (FileError("a.csv", "lacks x", "add it"), "file"),
-        (FileError("a.csv", "lacks x", "add it", code="table.column_missing"), "table.column_missing"),
-        (PathError("ur10", "too fast", "drive slower", "speed"), "path.speed"),
+        (FileError("a.csv", "lacks x", "add it", code="table.invalid"), "table.invalid"),
+        (PathError("ur10", "too fast", "drive slower", "speed"), "path.impossible"),
         (
             copy.copy(CellError("p1", "is silent", "plug it", code="gauge.silent")),
             "gauge.silent",
@@ -33,6 +36,19 @@ def test_an_error_has_the_code_of_its_kind_or_its_own(error, code):
     assert error.to_dict() == {
         "code": code, "where": error.where, "what": error.what, "remedy": error.remedy, "exit_code": error.exit_code,
     }  # fmt: skip
+
+
+def test_every_code_that_is_raised_is_in_the_list_and_no_other():
+    files = [file for top in ("rigs", "daq", "analysis") for file in (Path(__file__).parents[2] / top).rglob("*.py")]
+    words = (
+        word
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.Call)
+        for word in node.keywords
+    )
+    codes = {value.value for word in words if word.arg == "code" and isinstance(value := word.value, ast.Constant)}
+    assert codes | {"rig", "usage", "file", "cell"} == set(ERROR_CODES)
 
 
 RIG = load("ur10e-cell")[0]

@@ -126,7 +126,7 @@ def test_a_section_without_its_tag_names_the_key_of_this_section(old, new, place
 def test_a_workbook_is_no_rig_file(tmp_path):
     with zipfile.ZipFile(tmp_path / "poses.xlsx", "w") as book:
         book.writestr("xl/workbook.xml", "")
-    with refused("rig_file.is_archive"):
+    with refused("rig_file.invalid"):
         load(tmp_path / "poses.xlsx")
 
 
@@ -164,7 +164,7 @@ def test_special_or_endless_file_is_not_read(tmp_path):
         load(large)
     os.mkfifo(tmp_path / "fifo")
     for path in ("/dev/zero", tmp_path / "fifo"):
-        with refused("file.not_regular"):
+        with refused("file.invalid"):
             load(path)
 
 
@@ -398,17 +398,17 @@ def _with(**sections: object) -> str:
 def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback():
     rig = parse(_with(), "tracker")
     assert rig.gauges.recorded == {} and dict(rig.gauges) == {}
-    with refused("rig_file.nothing_to_read"):
+    with refused("rig_file.invalid"):
         streams_of(rig)
 
 
 def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone():
-    with refused("rig_file.value"):
+    with refused("rig_file.invalid"):
         parse(_with(gauges=True), "tracker")
     rig = parse(_with(feedback=True), "touches")
     assert [stream.name for stream in streams_of(rig)] == ["robot"] and rig.gauges.baseline_mm == 0
     automatic = "automatic: {rules: [{test: radial, when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [9, 0, 0, 0, 0, 0]}}]}"
-    with refused("rig_file.value"):
+    with refused("rig_file.invalid"):
         parse(_with(feedback=True) + automatic, "touches")
 
 
@@ -438,7 +438,7 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
     text = shipped()["ur10e-cell"].read_text(encoding="utf-8")
     text = text.replace("tests:\n", "tests:\n  touch: {sockets: [A, B], ball_mm: [0, 0, 120]}\n")
     parse(text, "cell.yaml")
-    with refused("rig_file.value") as told:
+    with refused("rig_file.invalid") as told:
         parse(text.replace(written, in_metres), "cell.yaml")
     assert re.search(rf"line \d+, {place}: ", str(told.value))
     parse(text.replace(written, written[: written.index("[")] + "[0, 0, 0]"), "cell.yaml")
@@ -446,6 +446,6 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
 
 def test_a_name_with_capitals_is_refused_in_plain_words():
     _, text = load("ur10e-cell")
-    with refused("rig_file.value") as told:
+    with refused("rig_file.invalid") as told:
         parse(text.replace("name: ur10e", "name: My Cell", 1), "cell.yaml")
     assert "'My Cell'" in str(told.value) and "pattern" not in str(told.value)

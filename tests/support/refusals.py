@@ -11,8 +11,8 @@ from rigs.errors import RigError
 
 
 @contextmanager
-def refused(code: str) -> Iterator[pytest.ExceptionInfo[RigError]]:
-    """Expect an error with a code of docs/errors.md, and yield it."""
+def refused(code: str, text: str = "") -> Iterator[pytest.ExceptionInfo[RigError]]:
+    """Expect an error with a code of docs/errors.md and this text in its message, and yield it."""
     with pytest.raises(RigError) as error:
         yield error
-    assert error.value.code == code, str(error.value)
+    assert error.value.code == code and text in str(error.value), str(error.value)

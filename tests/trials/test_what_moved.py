@@ -118,7 +118,7 @@ def test_readings_of_other_sockets_are_refused():
         what_moved(study(reference), observed(drawn.model, sockets, far))
     with pytest.raises(FileError) as other:
         what_moved(study(reference), observed(drawn.model, ["C"] * 6, q))
-    assert elsewhere.value.code == other.value.code == "movement.other_places"
+    assert elsewhere.value.code == other.value.code == "readings.unsuitable"
 
 
 def test_evidence_prefers_the_right_scatter():

@@ -58,7 +58,7 @@ def targets_of(
     if path.is_dir() or maker_of_file(path):
         if near is not None:
             problem, remedy = "concerns a table of poses; a program selects its postures", "remove the option"
-            raise UseError("--near", problem, remedy, code="program.option")
+            raise UseError("--near", problem, remedy)
         listed = _of_program(path, rig, frames, start_of(start))
     else:
         listed = _of_table(path, rig, near, start)
@@ -77,7 +77,7 @@ def _of_table(path: Path, rig: Rig, near: str | None, start: str | None) -> List
     postures: TablePostures | None = None
     if q is not None and (option := "--near" if near else "--start-joints" if start else ""):
         problem, remedy = f"{path.name} has joint angles, which determine the posture", "remove the option"
-        raise UseError(option, problem, remedy, code="program.option")
+        raise UseError(option, problem, remedy)
     if q is None and len(rig.robot.axes) == DRIVEN_AXES and rig.robot.rail is None:
         postures = find_postures(rig, poses, stated_posture(rig, near, start))
         q, differ = postures.q, {target.place for target in disagreeing(rig, supports(rig), postures, poses)}
@@ -85,12 +85,12 @@ def _of_table(path: Path, rig: Rig, near: str | None, start: str | None) -> List
         unknown = {target.place: target.what for target in postures.unsolved}
     elif q is None:
         problem = "has poses, which do not determine the posture of this arm"
-        raise FileError(str(path), problem, "give the joint angles of the targets", code="certify.no_posture")
+        raise FileError(str(path), problem, "give the joint angles of the targets", code="program.unclear")
     names = read.columns.get("name") or [f"line {line}" for line in read.lines]
     try:
         load_kg = np.array([float(cell or "nan") for cell in read.columns.get("load_kg", [""] * len(q))])
     except ValueError as error:
-        raise FileError(str(path), f"load_kg: {error}", "give numbers in kg", code="certify.load") from None
+        raise FileError(str(path), f"load_kg: {error}", "give numbers in kg", code="table.invalid") from None
     work = Work(q, poses, np.vstack([np.full_like(q[:1], np.nan), q[:-1]]), load_kg)
     is_corrected = "corrected" in read.columns
     return Listed(tuple(names), read.lines, work, unknown, is_corrected=is_corrected, postures=postures)
@@ -99,7 +99,7 @@ def _of_table(path: Path, rig: Rig, near: str | None, start: str | None) -> List
 def _of_program(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | None) -> Listed:
     if not rig.takes_programs:
         problem = "programs are read only for arms of six axes without a rail"
-        raise FileError(str(path), problem, "give a table of joint angles", code="certify.arm")
+        raise FileError(str(path), problem, "give a table of joint angles", code="arm.invalid")
     solved = solve_program(rig, path, frames, start=start)
     targets, q, parsed = solved.parsed.targets, solved.q, solved.parsed
     own = [k for k, target in enumerate(targets) if target.of is None and target.file < solved.texts.own]
@@ -136,7 +136,7 @@ def with_lines(rig: Rig, listed: Listed, features: Sequence[Feature]) -> tuple[L
             drawn.append(feature)
         elif listed.straight is not None and tuple(feature.rows.tolist()) not in listed.straight:
             problem, remedy = "the program has no straight line between these targets", "choose the ends of a line"
-            errors.append(UseError(feature.where, problem, remedy, code="certify.no_line"))
+            errors.append(UseError(feature.where, problem, remedy, code="table.invalid"))
         else:
             listed, line = _with_line(rig, listed, feature)
             drawn.append(line)

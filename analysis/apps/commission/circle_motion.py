@@ -274,7 +274,7 @@ def bin_motions(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
         whole = len(motion.t_s) // count * count
         if whole < 2 * count:
             problem = f"has {len(motion.t_s)} rows of motion, too few for a circle"
-            raise FileError(motion.where, problem, "record the full circle at a lower speed", code="circle.few_rows")
+            raise FileError(motion.where, problem, "record the full circle at a lower speed", code="readings.too_few")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
         here = stands_of(t_s, q, np.empty((len(t_s), 0)))
@@ -298,7 +298,7 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
         if on.sum() < _FEWEST:
             problem = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too short for a fit"
             remedy = "drive the circle more slowly, or record the feedback at a higher rate"
-            raise FileError(where, problem, remedy, code="circle.few_rows")
+            raise FileError(where, problem, remedy, code="readings.too_few")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest
         on &= largest < _outlier_from_mm(largest[on])

@@ -67,7 +67,7 @@ def fit(
 
     if bool(runs) == live:
         problem = "recorded runs and --live cannot be combined" if live else "runs to fit are missing"
-        raise UseError("rig circle fit", problem, "give run directories or --live", code="circle.no_runs")
+        raise UseError("rig circle fit", problem, "give run directories or --live", code="run.missing")
     named = rig_file_to_write(rig_file, write)
     if live:
         motions, to = _watched(named)
@@ -113,7 +113,7 @@ def fit_ball(
     if any(circles) != all(circles):
         where = ", ".join(str(run.path) for run in recorded)
         problem = "circle runs and hemisphere runs are mixed"
-        raise FileError(where, problem, "give runs of the same kind", code="ball.mixed_runs")
+        raise FileError(where, problem, "give runs of the same kind", code="readings.unsuitable")
     if all(circles):
         fitted = _ball_of_circle(recorded, to.rig)
     else:
@@ -131,7 +131,7 @@ def _ball_of_circle(runs: Iterable[Run], rig: Rig) -> FittedTest:
     if rig.tests.hemisphere is None:
         problem = "the rig file lacks tests.hemisphere, and a circle does not show the posture at the pole"
         remedy = "add tests.hemisphere with posture_deg, or give a radial run"
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="ball.no_hemisphere")
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="readings.unsuitable")
     values: Values = {"centre_mm": [round(float(x), 3) for x in driven.circle.centre]}
     u, used = {"centre_mm": driven.u_centre_mm.tolist()}, f"the circle's centre: {driven.used}"
     return FittedTest("hemisphere", values, u, used, driven.doubts)
@@ -160,7 +160,7 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
 
     if not same_arm(arm_of(run_rig.robot), arm_of(rig.robot)):
         problem = f"belongs to a different robot than {rig.name}: the link constants differ"
-        raise FileError(where, problem, "use a rig file and a motion of the same robot", code="run.other_robot")
+        raise FileError(where, problem, "use a rig file and a motion of the same robot", code="robot.other")
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:

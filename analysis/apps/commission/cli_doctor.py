@@ -52,7 +52,7 @@ def doctor(
     path = find(rig_file).absolute()
     if scan and is_shipped(path):
         problem = f"queries the ports of the rig file, and {rig_file} is a shipped example"
-        raise UseError("--scan", problem, "give the rig file of your cell", code="doctor.scan")
+        raise UseError("--scan", problem, "give the rig file of your cell")
     findings = []
     if scan:
         made = scan_modbus(rig, partial(say, err=True))

@@ -47,12 +47,12 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
     if name is None:
         if write:
             remedy = "give the rig file with --rig FILE"
-            raise UseError("--write", "needs the rig file to write", remedy, code="circle.no_rig_file")
+            raise UseError("--write", "needs the rig file to write", remedy, code="rig_file.invalid")
         return None
     path = find(name)
     if write and path.resolve() in {example.resolve() for example in shipped().values()}:
         remedy = "copy it with rig example DIR, and use the copy"
-        raise FileError(name, "is a shipped rig, which is read-only", remedy, code="rig_file.shipped")
+        raise FileError(name, "is a shipped rig, which is read-only", remedy, code="output.exists")
     rig, text = load(path)
     return RigFile(rig, text, path)
 
@@ -111,11 +111,11 @@ def _replace(path: Path, old: str, new: str) -> Path:
     try:
         if read_bytes(path, _MOST_BYTES) != old.encode():
             problem = "was changed by a different program meanwhile"
-            raise FileError(str(path), problem, "repeat the command", code="file.changed")
+            raise FileError(str(path), problem, "repeat the command", code="file.invalid")
         mode = path.stat().st_mode
         if not mode & 0o222:  # a rename would replace the file nevertheless
             remedy = "make the file writable with chmod u+w, or paste the printed block"
-            raise FileError(str(path), "is read-only", remedy, code="file.read_only")
+            raise FileError(str(path), "is read-only", remedy, code="output.not_writable")
         copies = (path.with_name(f"{path.name}.{number}") for number in count(1))
         kept = next(copy for copy in copies if not copy.exists())
         for file, text in ((kept, old), (path, new)):
@@ -123,5 +123,5 @@ def _replace(path: Path, old: str, new: str) -> Path:
             file.chmod(mode & 0o777)
     except OSError as error:
         remedy = "check the permissions and the free space of the directory"
-        raise CellError.of_os(path, error, remedy, code="disk.write") from None
+        raise CellError.of_os(path, error, remedy, code="output.not_writable") from None
     return kept

@@ -72,11 +72,11 @@ def moved(
         for option, is_given in (("--new", new), ("--plan", plan), ("--mark", mark)):
             if is_given:
                 problem = "has no effect with --live, because --live takes and saves the touches"
-                raise UseError(option, problem, "leave it out", code="moved.option")
+                raise UseError(option, problem, "leave it out")
         found, title = _check_live(runs, rig_file, save, is_quiet=as_json)
     elif save:
         problem = "is the run of the touches that --live takes"
-        raise UseError("--save", problem, "add --live, or leave it out", code="moved.option")
+        raise UseError("--save", problem, "add --live, or leave it out")
     else:
         found, title = _find_movement(runs, new or [], rig_file, plan=plan, mark=mark)
     if as_json:
@@ -106,7 +106,7 @@ def _find_movement(
     if not new and not plan:
         if len(runs) < 2:
             remedy = "give RUN… --new RUN…, --plan or --live"
-            raise UseError("rig moved", "needs a reference and a new run", remedy, code="moved.reference")
+            raise UseError("rig moved", "needs a reference and a new run", remedy, code="run.missing")
         runs, new = runs[:-1], runs[-1:]
     reference, after = _read(runs, rig_file), _read(new, rig_file)
     rig = load(rig_file)[0] if rig_file else reference[0].rig
@@ -125,7 +125,7 @@ def _mark(
 
     if not after or any(path.is_file() for path in paths):
         problem = "needs new runs; tables are not stored as runs"
-        raise UseError("--mark", problem, "import the table first: rig import", code="moved.mark")
+        raise UseError("--mark", problem, "import the table first: rig import", code="readings.unsuitable")
     names = [run.run.manifest.name for run in reference]
     for run in after:
         mark_moved(run.run.path, mark_of(result, names))
@@ -151,7 +151,7 @@ def _check_live(
         check = follow_touches(client, check, lambda line: say(line, err=is_quiet))
     if not check.touches:
         remedy = "seat the ball in a socket of the reference, then let go"
-        raise FileError(str(place), "no touch was taken", remedy, code="moved.no_touch")
+        raise FileError(str(place), "no touch was taken", remedy, code="readings.unsuitable")
     check.save(place, operator_or_user(""))
     say(f"saved {place}", err=True)
     say(f"next: rig history {as_argument(check.rig.name)} --runs {as_argument(place.parent)}", err=True)

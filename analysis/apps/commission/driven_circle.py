@@ -183,10 +183,10 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
         if not np.isfinite(motion.q).all():
             row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
             problem = f"row {row} has a joint angle that is not a number"
-            raise FileError(motion.where, problem, "remove such rows", code="circle.not_finite")
+            raise FileError(motion.where, problem, "remove such rows", code="readings.unsuitable")
         if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STILL_RUN_RAD:
             remedy = "move the tool about the ball during the recording"
-            raise FileError(motion.where, "the robot stood still", remedy, code="circle.stood_still")
+            raise FileError(motion.where, "the robot stood still", remedy, code="readings.unsuitable")
     where = ", ".join(motion.where for motion in motions)
     bins = bin_motions(motions, arm)
     path = bins.moving
@@ -207,7 +207,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
             f"the motion of {length:.0f} mm contains no arc of a circle that is long enough, and the robot stopped at "
             f"{len(distinct_places(bins.places[bins.stand_rows]))} points; three are needed"
         )
-        raise FileError(where, problem, _LONGER, code="circle.none")
+        raise FileError(where, problem, _LONGER, code="readings.unsuitable")
     _check_one_circle(found, tolerance, points, run, where)
     on, circle = on_circle(bins, found.circle, tolerance, where)
     return _with_start(fit_rows(motions, arm, bins, on, circle), motions, rig, where)
@@ -225,7 +225,7 @@ def _with_start(fit: CircleFit, motions: Sequence[RobotMotion], rig: Rig, where:
     used = f"{fit.used} over {np.degrees(arc):.0f}° of arc"
     if 2 * (largest := max(float(np.sqrt(np.diag(centre_cov)).max()), u_radius_mm)) > GAUGE_MM:
         problem = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
-        raise FileError(where, problem, _LONGER, code="circle.uncertain")
+        raise FileError(where, problem, _LONGER, code="readings.unsuitable")
     named = len(motions) > 1
     doubts = [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
     doubts += [*fit.doubts, *of_start]
@@ -250,7 +250,7 @@ def _check_one_circle(path_circle: FoundCircle, tolerance: Tolerance, points: Ar
     ]
     problem = f"contains two circles ({found[0]}, and {found[1]})"
     remedy = "give separate runs of the same circle; if there is only one, check the feedback for jumps"
-    raise FileError(where, problem, remedy, code="circle.two")
+    raise FileError(where, problem, remedy, code="readings.unsuitable")
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -310,13 +310,13 @@ def fit_stops(arm: Arm, bins: Binned, where: str) -> CircleFit:
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if circle is None or extent[1] < _LINE * extent[0]:
         problem = f"the {len(places)} stops of the robot lie on a straight line"
-        raise FileError(where, problem, "stop at points far apart around the circle", code="circle.line")
+        raise FileError(where, problem, "stop at points far apart around the circle", code="readings.unsuitable")
     away = deviations(circle, places)
     if (worst_mm := away.largest.max()) > _OFF_MM:
         worst = int(away.largest.argmax()) + 1
         problem = f"the {len(places)} stops are up to {worst_mm:.1f} mm from a circle, most in stop {worst}"
         remedy = "record only stops on the circle, or the circle without stops"
-        raise FileError(where, problem, remedy, code="circle.stops_off")
+        raise FileError(where, problem, remedy, code="readings.unsuitable")
     squares = float((away.radial**2).sum() + (away.axial**2).sum())
     within_mm = np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands]))
     scatter_mm, doubts = scatter(squares, 2 * (len(places) - 3), float(within_mm))

@@ -96,7 +96,7 @@ def _selected_ports(ports: Sequence[str], typed: str) -> list[str]:
     numbers = typed.replace(",", " ").split()
     if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(ports) for number in numbers):
         problem = f"is not a list of numbers from 1 to {len(ports)}"
-        raise FileError(repr(typed), problem, "type numbers such as 1,2, or all", code="answer.choice")
+        raise FileError(repr(typed), problem, "type numbers such as 1,2, or all", code="usage")
     return [ports[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
 
 
@@ -124,7 +124,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
             if not dialogue.terminal:
                 problem = "is missing, and rig cannot ask without a terminal"
                 remedy = f"give --port; {_WITHOUT_GAUGES}"
-                raise UseError("--port", problem, remedy, code="answer.no_terminal")
+                raise UseError("--port", problem, remedy, code="answer.missing")
             ports = dialogue.ask(texts_of("en")("ask_ports"), "--port", partial(_selected_ports, list(here)))
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
@@ -138,7 +138,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         problem = "one answers" if gauges else "none answers" if reports else "a serial port was not found"
         remedy = "connect and switch on the gauge, or name the port: --port PORT; " + _WITHOUT_GAUGES
         if not dialogue.terminal:
-            raise CellError("gauges", problem, remedy, code="gauge.not_found")
+            raise CellError("gauges", problem, remedy, code="gauge.silent")
         dialogue.say(f"gauges: {problem}; {remedy}")
         prompt = "Enter repeats the search" + ("; type 1 to continue with this gauge only: " if gauges else ": ")
         if dialogue.line(prompt) == "1" and gauges:
@@ -153,7 +153,7 @@ def _identify_gauges(gauges: Sequence[FoundGauge], options: Options, dialogue: D
         return list(gauges)
     if not dialogue.terminal:
         problem = f"{len(gauges)} gauges answer ({', '.join(by_place)}), and their roles are unknown"
-        raise FileError("gauges", problem, "name the gauges: --g1 PORT --g2 PORT", code="gauge.ambiguous")
+        raise FileError("gauges", problem, "name the gauges: --g1 PORT --g2 PORT", code="rig_file.invalid")
     with PortWatch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
         first = _wait_for_push("g1", remaining, watch, dialogue)
@@ -169,9 +169,9 @@ def _gauge_at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
         return matching[0]
     if not matching:
         remedy = f"give a port with a gauge: {', '.join(by_place)}"
-        raise CellError(place, "a gauge does not answer there", remedy, code="gauge.not_found")
+        raise CellError(place, "a gauge does not answer there", remedy, code="gauge.silent")
     remedy = f"add the channel: {', '.join(gauge.place for gauge in matching)}"
-    raise FileError(place, f"has {len(matching)} gauges", remedy, code="gauge.ambiguous")
+    raise FileError(place, f"has {len(matching)} gauges", remedy, code="rig_file.invalid")
 
 
 def _wait_for_push(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
@@ -219,5 +219,5 @@ def check_baseline_mm(value: float, where: str) -> float:
             f"change their difference by only {value * 1e-3:.2g} mm"
         )
         remedy = f"give the distance between the gauge axes in mm (not cm), at least {_NEAREST_MM:g}"
-        raise FileError(where, problem, remedy, code="gauge.baseline")
+        raise FileError(where, problem, remedy, code="rig_file.invalid")
     return value

@@ -52,7 +52,7 @@ class GuidedCheck:
         if len(placements) != 1:
             problem = f"has touches of {len(placements)} placements, but a guided check needs those of one"
             remedy = "give runs of touches of the same sockets"
-            raise FileError(", ".join(names), problem, remedy, code="movement.placements")
+            raise FileError(", ".join(names), problem, remedy, code="readings.unsuitable")
         reference = study_runs(rig or runs[0].rig, runs)
         place = reference.place
         sockets = {
@@ -73,7 +73,7 @@ class GuidedCheck:
         setup = min(distances, key=distances.__getitem__)
         if distances[setup] > MOST_MM:
             problem = f"the ball is {distances[setup]:.0f} mm from socket {socket_of(setup)}, the nearest one"
-            raise FileError("touch", problem, "seat the ball in a socket of the reference", code="touch.elsewhere")
+            raise FileError("touch", problem, "seat the ball in a socket of the reference", code="readings.unsuitable")
         return replace(self, touches=(*self.touches, (socket_of(setup), q)))
 
     def _observed(self, sockets: Sequence[str], q: Array) -> list[ObservedRun]:
@@ -94,7 +94,7 @@ class GuidedCheck:
 
     def save(self, directory: Path, operator: str) -> Path:
         if not self.touches:
-            raise FileError(str(directory), "no touch was taken", "seat the ball in a socket", code="touch.too_few")
+            raise FileError(str(directory), "no touch was taken", "seat the ball in a socket", code="readings.too_few")
         sockets, q = (np.array(part) for part in zip(*self.touches, strict=True))
         source = f"movement check against {', '.join(self.names)}"[:200]
         table = TouchTable(sockets, q)

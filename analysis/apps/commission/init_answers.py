@@ -55,12 +55,12 @@ def load_answers(rig_file: Path) -> Answers:
     except FileNotFoundError:
         return Answers()
     except OSError as error:
-        raise FileError.of_os(path, error, _BEGIN_AGAIN, code="answers.damaged") from None
+        raise FileError.of_os(path, error, _BEGIN_AGAIN, code="file.invalid") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
         problem = f"is damaged: {where} {first['msg']}".strip()
-        raise FileError(str(path), problem, _BEGIN_AGAIN, code="answers.damaged") from None
+        raise FileError(str(path), problem, _BEGIN_AGAIN, code="file.invalid") from None
 
 
 def keep_answers(rig_file: Path, answers: Answers) -> None:
@@ -70,7 +70,7 @@ def keep_answers(rig_file: Path, answers: Answers) -> None:
         durable.replace(path, answers.model_dump_json(exclude_unset=True, indent=1).encode(), 0o600)
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), problem, "choose a different directory", code="disk.write") from None
+        raise CellError(str(path), problem, "choose a different directory", code="output.not_writable") from None
 
 
 def forget_answers(rig_file: Path) -> None:
@@ -110,18 +110,18 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         section, _, key = place.partition(".")
         if not equals or section not in keys or not key:
             remedy = "write KEY=VALUE, such as --key g1.range_mm=10"
-            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", remedy, code="init.key")
+            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", remedy)
         keys[section][key] = read_yaml(value, f"--key {text}")[1]
     return keys
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
     if g2 is not None and g1 is None:
-        raise UseError("--g2", "needs --g1", "give both, or neither", code="init.gauge_unnamed")
+        raise UseError("--g2", "needs --g1", "give both, or neither")
     for gauge, place in (("g1", g1), ("g2", g2)):
         if "interface" in keys[gauge] and place is None:
             option, remedy = f"--key {gauge}.interface", f"add --{gauge} PORT"
-            raise UseError(option, f"needs --{gauge}", remedy, code="init.gauge_unnamed")
+            raise UseError(option, f"needs --{gauge}", remedy)
     return tuple(place for place in (g1, g2) if place is not None)
 
 
@@ -131,7 +131,7 @@ def read_number(text: str, low: float, high: float, what: str, remedy: str) -> f
     except ValueError:
         value = math.nan
     if not low <= value <= high:  # also rejects NaN
-        raise FileError(repr(text), f"is not {what}", remedy, code="answer.number")
+        raise FileError(repr(text), f"is not {what}", remedy, code="usage")
     return value
 
 
@@ -156,6 +156,6 @@ def key_error(error: ValidationError, section: str) -> FileError:
     key = next((str(step) for step in reversed(first["loc"]) if isinstance(step, str)), "interface")
     problem = first["msg"].removeprefix("Value error, ")
     if section.startswith("--"):
-        return FileError(section, problem, "see rig init --help", code="init.value")
+        return FileError(section, problem, "see rig init --help", code="rig_file.invalid")
     remedy = f"give --key {section}.{key}=…; rig interfaces lists the keys"
-    return FileError(f"{section}.{key}", problem, remedy, code="init.key")
+    return FileError(f"{section}.{key}", problem, remedy, code="usage")

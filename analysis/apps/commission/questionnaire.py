@@ -92,7 +92,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
         remedy = "free some space; then repeat the command here"
-        raise CellError(str(path), problem, remedy, code="disk.write") from None
+        raise CellError(str(path), problem, remedy, code="output.not_writable") from None
     forget_answers(path)
 
 
@@ -100,7 +100,7 @@ def _check_options(options: Options) -> None:
     path, by, given = options.path, options.measured_by, options.given
     if not path.parent.is_dir():
         remedy = "create the directory, or choose a different name"
-        raise FileError(str(path.parent), "is not a directory", remedy, code="init.no_directory")
+        raise FileError(str(path.parent), "is not a directory", remedy, code="output.not_writable")
     _check_new(path)
     _check_robot(options.robot, by)
     of_gauges = {
@@ -110,7 +110,7 @@ def _check_options(options: Options) -> None:
     }  # fmt: skip
     for option in (name for name, value in of_gauges.items() if value and by != "gauges"):
         problem = f"applies only to gauges, and --measured-by {by} uses none"
-        raise UseError(option, problem, "remove it", code="init.option_unused")
+        raise UseError(option, problem, "remove it")
     if "baseline_mm" in given:
         check_baseline_mm(given["baseline_mm"], "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
@@ -121,17 +121,17 @@ def _check_options(options: Options) -> None:
 def _check_robot(address: str | None, by: MeasuredBy) -> None:
     if by in ("tracker", "arm") and address not in (None, NO_ROBOT):
         problem = f"is not used with --measured-by {by}: the table contains the joints"
-        raise UseError("--robot", problem, "remove it", code="init.option_unused")
+        raise UseError("--robot", problem, "remove it")
     if by == "gauges" and address == NO_ROBOT:
         problem = "cannot be none with gauges: the joints are read while the gauges measure"
         remedy = "give the address of the robot, or --measured-by sockets"
-        raise UseError("--robot", problem, remedy, code="init.option_unused")
+        raise UseError("--robot", problem, remedy)
 
 
 def _check_new(path: Path) -> None:
     if path.exists() or path.is_symlink():
         remedy = f"choose a different name, or edit the file and run rig check {as_argument(path)}"
-        raise FileError(str(path), "exists already", remedy, code="file.exists")
+        raise FileError(str(path), "exists already", remedy, code="output.exists")
 
 
 def _with_options(stored: Answers, options: Options) -> Answers:
@@ -170,7 +170,7 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
         if axes != DRIVEN_AXES and address not in (None, NO_ROBOT):
             problem = f"is supported only for arms of {DRIVEN_AXES} axes, and {answers.arm} has {axes}"
             remedy = "remove the option: the joints are typed into a table"
-            raise UseError("--robot", problem, remedy, code="init.option_unused")
+            raise UseError("--robot", problem, remedy)
         if axes == DRIVEN_AXES:
             address = address or dialogue.ask(_TEXTS("ask_robot_or_none"), "--robot", str, NO_ROBOT)
         if address in (None, NO_ROBOT):
@@ -192,7 +192,7 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
 
 def _read_choice(offered: Sequence[str], answer: str) -> str:
     if answer.lower() not in offered:
-        raise FileError(repr(answer), "is not a choice", f"type {', '.join(offered)}", code="answer.choice")
+        raise FileError(repr(answer), "is not a choice", f"type {', '.join(offered)}", code="usage")
     return answer.lower()
 
 
@@ -211,7 +211,7 @@ def _find_robot(options: Options, dialogue: Dialogue, address: str) -> RobotRepo
     with dialogue.busy(f"searching for a robot at {address}"):
         report = robot_at(address, options.keys["feedback"])
     if report.feedback is None:
-        raise CellError(f"robot {address}", report.problem, report.remedy, code="robot.not_found")
+        raise CellError(f"robot {address}", report.problem, report.remedy, code="robot.silent")
     return report
 
 
@@ -270,10 +270,10 @@ def _read_pose(text: str) -> Pose:
     values = numbers_in(text)
     if len(values) not in (3, 6):
         remedy = "write for example 0,0,150 or 0,0,150,0,90,0"
-        raise FileError(repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", remedy, code="answer.pose")
+        raise FileError(repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", remedy, code="usage")
     if 0 < max(map(abs, values[:3])) < _LEAST_TOOL_MM:
         problem = f"has no coordinate of {_LEAST_TOOL_MM:g} mm or more: the position looks like metres"
-        raise FileError(repr(text), problem, "give the position in mm", code="answer.metres")
+        raise FileError(repr(text), problem, "give the position in mm", code="usage")
     pose: Pose = checked(Pose, {"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)}, "--tool")
     return pose
 
@@ -365,7 +365,7 @@ def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
     if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
         problem = f"has {axes} axes, but the ball link's programs need six"
         remedy = "give --measured-by sockets or --measured-by tracker (docs/any-arm.md)"
-        raise FileError(name, problem, remedy, code="arm.axes")
+        raise FileError(name, problem, remedy, code="arm.invalid")
     return arm
 
 
@@ -377,15 +377,15 @@ def _of_file(name: str) -> ChosenArm:
     except FileNotFoundError:
         return _of_library(name)  # reports similar names
     except OSError as error:
-        raise FileError.of_os(name, error, "give a file with a section robot", code="arm.file") from None
+        raise FileError.of_os(name, error, "give a file with a section robot", code="arm.invalid") from None
     if "<robot" in text:
         made = as_argument(Path(name).with_suffix(".yaml"))
         remedy = f"convert the file, and give --arm {made}: rig import-urdf {as_argument(name)} -o {made}"
-        raise FileError(name, "is a URDF, not a file with a section robot", remedy, code="arm.urdf")
+        raise FileError(name, "is a URDF, not a file with a section robot", remedy, code="arm.invalid")
     root, data = read_yaml(text, name)
     if not isinstance(data, dict) or "robot" not in data:
         remedy = "see rig arms for an example, or choose an arm by name"
-        raise FileError(name, "lacks the section robot", remedy, code="arm.no_section")
+        raise FileError(name, "lacks the section robot", remedy, code="arm.invalid")
     section = {"robot": data["robot"]}
     try:
         robot = _ArmFile.model_validate(section).robot

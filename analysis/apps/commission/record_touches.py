@@ -44,7 +44,7 @@ def record_touches(
     if rig.robot.rail:
         problem = "is on a rail, and rigd does not read the position of the rail"
         remedy = "remove robot.rail if the rail does not move, or import touches as a table"
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="touch.rail")
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="readings.unsuitable")
     guide = Touching(with_ball(arm_of(rig.robot), touch), touch.sockets, touches or touch.touches)
 
     def save() -> Path:
@@ -64,7 +64,7 @@ def record_touches(
         raise
     if guide.count < _FEWEST:
         problem = f"only {guide.count} touches were made; at least {_FEWEST} are needed"
-        raise FileError(str(output), problem, "touch each socket in many postures", code="touch.too_few")
+        raise FileError(str(output), problem, "touch each socket in many postures", code="readings.too_few")
     return save()
 
 

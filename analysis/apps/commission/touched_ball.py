@@ -80,7 +80,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     if (apart := len(distinct_places(places))) < 4:
         problem = f"the robot was at rest at {apart} places, but a ball needs four that are not in a plane"
         remedy = "stop at more places all over the hemisphere, for a second at each"
-        raise FileError(where, problem, remedy, code="ball.few_places")
+        raise FileError(where, problem, remedy, code="readings.too_few")
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
     for _ in range(int(_OTHERS_OF_BALL * len(places))):
@@ -94,21 +94,21 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     residual = _distance_from_sphere(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
         problem = "the stops are in a plane, which does not determine a ball"
-        raise FileError(where, problem, "also stop at higher and lower places", code="ball.plane")
+        raise FileError(where, problem, "also stop at higher and lower places", code="readings.unsuitable")
     if np.abs(residual).max() > _OFF_BALL_MM:
         worst = int(np.abs(residual).argmax())
         problem = (
             f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm from a sphere about the ball"
         )
         remedy = "record only stops at which the link or the ball fixed the tool"
-        raise FileError(where, problem, remedy, code="ball.stop_off")
+        raise FileError(where, problem, remedy, code="readings.unsuitable")
     scatter_mm, few = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     u_mm = scatter_mm * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))[:3]
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
     if 2 * u_mm.max() > GAUGE_MM:
         problem = f"the ball position from {used} has an uncertainty of {u_mm.max():.3g} mm (u), which is too large"
         remedy = "stop at places farther apart, all over the hemisphere"
-        raise FileError(where, problem, remedy, code="ball.uncertain")
+        raise FileError(where, problem, remedy, code="readings.unsuitable")
     doubts = (*(doubt for of_run in run_doubts for doubt in of_run), *few)
     if off_sphere:
         doubts = (*doubts, f"{off_sphere} stops are not used because they are off the sphere of the others")
@@ -127,7 +127,7 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
         if not isinstance(table, TargetTable):
             problem = f"is a {manifest.test} table, which lacks stops about a ball"
-            raise FileError(str(path), problem, "give a radial run", code="ball.table")
+            raise FileError(str(path), problem, "give a radial run", code="readings.unsuitable")
         return (table.q, table.g_mm, np.zeros(len(table.q))), ()
     doubts: tuple[str, ...] = ()
     try:

@@ -108,7 +108,7 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
     if new and not shared:
         remedy = "touch the same sockets, or give the same --placement at import (rig relabel)"
         what = "does not occur in any reference run"
-        raise FileError(f"set-up {new[0].setup}", what, remedy, code="movement.other_places")
+        raise FileError(f"set-up {new[0].setup}", what, remedy, code="readings.unsuitable")
     doubts = [
         f"{name} does not occur in any reference run and is ignored"
         for name in sorted({run.setup for run in new} - known)
@@ -120,7 +120,7 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
     if compared is not None and compared.distance_mm > MOST_MM:
         far = f"the readings are {compared.distance_mm:.0f} mm from the positions of the reference"
         remedy = "check that sockets, targets and placement are those of the reference"
-        raise FileError(f"set-up {shared[0].setup}", far, remedy, code="movement.other_places")
+        raise FileError(f"set-up {shared[0].setup}", far, remedy, code="readings.unsuitable")
     return moved_of(reference, compared, plan=plan, doubts=tuple(doubts))
 
 
@@ -160,13 +160,13 @@ def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
     where = ", ".join(names)
     if not before:
         remedy = "give runs of touches, poses or circles"
-        raise FileError(where, "has no joint angles", remedy, code="movement.no_joints")
+        raise FileError(where, "has no joint angles", remedy, code="readings.unsuitable")
     count = sum(len(run.rows) for run in before)
     if count < FEWEST_OF_REFERENCE:
         since = f" since {movements[-1].to}, where a part moved," if movements else ""
         problem = f"has only {count} readings{since} but a reference needs at least {FEWEST_OF_REFERENCE}"
         remedy = "touch more postures while the cell is in order, or give more runs"
-        raise FileError(where, problem, remedy, code="movement.few_readings")
+        raise FileError(where, problem, remedy, code="readings.too_few")
     return replace(study(before), names=names, movements=tuple(movements), doubts=tuple(doubts))
 
 

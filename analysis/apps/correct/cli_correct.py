@@ -224,12 +224,12 @@ def _check_options(
 
     for option, given in of_programs.items():
         if given and not has_programs:
-            raise UseError(option, "concerns programs only", "give --program as well", code="program.option")
+            raise UseError(option, "concerns programs only", "give --program as well")
     if near and not has_path:
-        raise UseError("--near", "concerns a table of poses", "give --path as well", code="program.option")
+        raise UseError("--near", "concerns a table of poses", "give --path as well")
     if start and not (has_programs or has_path):
         problem, remedy = "concerns programs and tables of poses", "give --program or --path as well"
-        raise UseError("--start-joints", problem, remedy, code="program.option")
+        raise UseError("--start-joints", problem, remedy)
 
 
 def _asked_points(programs: Sequence[Path], since: Path | None) -> tuple[PointKind, Path | None]:
@@ -297,13 +297,13 @@ def _errors(
     errors = target_errors(rig, *corrections.path) if corrections.path else []
     if for_maker and rig.controller == "unknown":
         problem = "the constants of the controller are unknown, and values to enter are differences from them"
-        errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="controller.unknown"))
+        errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="maker.unknown"))
     for file, why in in_vain.items():
         problem = f"{why}, so no corrected targets were written"
         remedy = "keep the targets unchanged, or measure there; --anyway writes them"
-        errors.append(FileError(str(file), problem, remedy, code="correct.no_gain"))
+        errors.append(FileError(str(file), problem, remedy, code="correction.impossible"))
     for program in corrections.programs:
         if program.held:
             problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
-            errors.append(FileError(str(program.path), problem, remedy, code="program.incomplete"))
+            errors.append(FileError(str(program.path), problem, remedy, code="program.invalid"))
     return errors

@@ -128,20 +128,20 @@ def correct_rig(
     by_model = bool(path or not programs.paths or points.uses_model)
     if by_model and not model_of(rig).effects:
         remedy = "diagnose or calibrate the arm, and give the written rig file"
-        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy, code="correct.no_effects")
+        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy, code="correction.impossible")
     arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
     if not rig.takes_programs and (controller or programs.paths):
         problem = f"{arm}: controller entries and programs are supported only for arms of six axes without a rail"
-        raise UseError("--for, --program", problem, "give joint targets with --path", code="correct.other_arm")
+        raise UseError("--for, --program", problem, "give joint targets with --path", code="robot.other")
     if entered and programs.paths:
         problem = "applies to --path; --program is for a controller without entries"
-        raise UseError("--entered", problem, "give one of them", code="correct.entered")
+        raise UseError("--entered", problem, "give one of them", code="correction.repeated")
     if entered and not (path and controller):
         problem = "needs --path, and a maker from --for or the feedback"
-        raise UseError("--entered", problem, "give both", code="correct.entered")
+        raise UseError("--entered", problem, "give both", code="correction.repeated")
     if entered and rig.controller == "unknown":
         problem = "the constants of the controller are unknown, so no values for it were computed"
-        raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.unknown")
+        raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="maker.unknown")
     supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
     entries, zeros, constants = None, list[Correction](), list[Correction]()
     if (points.are_computed or not programs.paths) and rig.controller != "unknown":
@@ -153,7 +153,7 @@ def correct_rig(
         read = _read(rig, path)
         if read.joints and posture and posture.source != "rig_file" and not programs.start:
             problem, remedy = f"{path.name} has joint angles, which determine the posture", "remove the option"
-            raise UseError(posture.source, problem, remedy, code="program.option")
+            raise UseError(posture.source, problem, remedy)
         postures = None if read.joints else find_postures(rig, read.poses(), posture)
         targets = _targets(rig, supported, path, read, postures)
         targets = (*targets[:2], as_entered(rig, targets[2], entries)) if entered and entries else targets
@@ -170,7 +170,7 @@ def correct_rig(
         whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"
         remedy = f"give a program of this robot, or --for {other.maker} if such a controller is used"
         problem = f"is a program for {of}, but {whose} {robot}"
-        raise FileError(str(other.path), problem, remedy, code="program.other_maker")
+        raise FileError(str(other.path), problem, remedy, code="program.unclear")
     work, numbers = _work(rig, supported), (tuple(zeros), tuple(constants))
     return Corrections(rig, tuple(supported), *numbers, work, targets, entries, entered, done, of_model, postures)
 
@@ -191,12 +191,12 @@ def _read(rig: Rig, path: Path) -> TargetPath:
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:
         problem = "has poses but no joint angles, so the rail position is unknown"
-        raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm", code="targets.need_joints")
+        raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm", code="table.invalid")
     if axes != DRIVEN_AXES and not read.joints:
         free = f"do not determine the elbow of an arm of {axes} axes"
         few = f"an arm of {axes} axes cannot reach exactly: its tool has only {axes - 3} rotational degrees of freedom"
         problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
-        raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg", code="targets.need_joints")
+        raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg", code="table.invalid")
     refuse_corrected_path(read, str(path))
     return read
 
@@ -223,7 +223,7 @@ def target_errors(rig: Rig, path: Path, path_read: TargetPath, targets: Correcte
             f"{path}, line {path_read.lines[target.place]}",
             target.what,
             remedies.get(target.reason, "move the target"),
-            code="targets.uncorrected",
+            code="program.unclear",
         )
         for target in targets.left
     ]

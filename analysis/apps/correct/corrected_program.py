@@ -409,7 +409,7 @@ def _read_back(program: SolvedProgram, new: tuple[str, ...]) -> Parsed:
     )
     if before != now:
         problem, remedy = "cannot be read back as the same program", "please report this with the program"
-        raise FileError("the corrected program", problem, remedy, code="program.read_back")
+        raise FileError("the corrected program", problem, remedy, code="correction.impossible")
     return after
 
 

@@ -59,7 +59,7 @@ def values_in(rig: Rig, path: Path) -> ReadingChange:
         change = _of_data(rig, path, text)
     if not any(change.readings_deg) and not change.constants:
         problem, remedy = "contains no value for a controller", f"give {_FORMS}"
-        raise FileError(str(path), problem, remedy, code="points.since")
+        raise FileError(str(path), problem, remedy, code="controller.invalid")
     return change
 
 
@@ -72,14 +72,14 @@ def _of_data(rig: Rig, path: Path, text: str) -> ReadingChange:
             raise ValueError("has no values of a controller")
         if (of_rig := data.get("rig")) not in (None, rig.name):
             problem = f"is of the rig {of_rig}, and the program is to be converted for {rig.name}"
-            raise FileError(str(path), problem, "give the values of this robot", code="points.since")
+            raise FileError(str(path), problem, "give the values of this robot", code="controller.invalid")
         controller = data.get("controller")
         return _of_entries(rig, path.name, controller) if controller else _of_corrections(rig, path.name, data)
     except RigError:
         raise
     except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
         problem = str(error) if isinstance(error, ValueError) else f"has unexpected contents ({error!r})"
-        raise FileError(str(path), problem, f"give {_FORMS}", code="points.since") from None
+        raise FileError(str(path), problem, f"give {_FORMS}", code="controller.invalid") from None
 
 
 def _of_entries(rig: Rig, source: str, data: Mapping[str, Any]) -> ReadingChange:
@@ -135,7 +135,7 @@ def _table(path: Path, text: str) -> dict[tuple[int, str], float]:
         return {(int(row["axis"]), key): float(row[key]) for row in rows for key in (*_CONSTANTS, "offset_deg")}
     except (KeyError, ValueError, TypeError):
         problem = "is not a table of constants with axis, a_mm, alpha_deg, beta_deg, d_mm and offset_deg"
-        raise FileError(str(path), problem, f"give {_FORMS}", code="points.since") from None
+        raise FileError(str(path), problem, f"give {_FORMS}", code="controller.invalid") from None
 
 
 def _of_constants(rig: Rig, source: str, new: Mapping[tuple[int, str], float]) -> ReadingChange:
@@ -149,7 +149,7 @@ def _of_constants(rig: Rig, source: str, new: Mapping[tuple[int, str], float]) -
             continue
         if key == "offset_deg":
             problem = f"changes the offset of axis {axis}, which is a joint zero"
-            raise FileError(source, problem, "state it as joint_zeros in a corrections.yaml", code="points.since")
+            raise FileError(source, problem, "state it as joint_zeros in a corrections.yaml", code="controller.invalid")
         effects.append(changed(axis, key, delta))
         lines.append(f"{key} of axis {axis} {delta:+g}")
     return _change(source, (0.0,) * DRIVEN_AXES, effects, lines)
@@ -163,7 +163,7 @@ def _of_linuxcnc(rig: Rig, path: Path, text: str) -> ReadingChange:
     if (unit := rig.length_unit) is None:
         remedy = "add linear_units: mm or inch to robot, as LINEAR_UNITS of [TRAJ] says"
         raise FileError(
-            str(path), "has lengths in a unit that the rig file does not state", remedy, code="linuxcnc.unit"
+            str(path), "has lengths in a unit that the rig file does not state", remedy, code="controller.invalid"
         )
     pins: dict[tuple[int, str], float] = {}
     for name, number, value in _PIN.findall(text):
@@ -183,7 +183,7 @@ def _of_movement(rig: Rig, path: Path, data: Mapping[str, Any]) -> ReadingChange
     if not members or others:
         what = "names no cause" if not members else f"names {' and '.join(others)} as moved"
         remedy = "touch up the frame or the tool instead; only a moved zero changes the numbers of points"
-        raise FileError(str(path), what, remedy, code="points.since")
+        raise FileError(str(path), what, remedy, code="controller.invalid")
     u = [0.0] * DRIVEN_AXES
     for member in members:
         u[member["axis"] - 1] = float(member["u"])

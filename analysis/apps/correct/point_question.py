@@ -78,8 +78,8 @@ def _read_answer(text: str) -> tuple[PointKind, Path | None]:
             path = Path(file).expanduser() if file else None
             if path is None or path.is_file():
                 return known, path
-            raise UseError(file, "is not a file", "give an existing file", code="points.unstated")
-    raise UseError(repr(text), "is no answer", "type computed, taught, or taught FILE", code="points.unstated")
+            raise UseError(file, "is not a file", "give an existing file", code="answer.missing")
+    raise UseError(repr(text), "is no answer", "type computed, taught, or taught FILE", code="answer.missing")
 
 
 def refuse_unstated(command: Sequence[str], hints: Sequence[Hint]) -> UseError:
@@ -89,4 +89,4 @@ def refuse_unstated(command: Sequence[str], hints: Sequence[Hint]) -> UseError:
     problem = (
         f"is missing: computed points ({KINDS['computed']}) are corrected, taught points are right as they are{about}"
     )
-    return UseError("--points", problem, f"run {calls[0]}  or  {calls[1]}", code="points.unstated")
+    return UseError("--points", problem, f"run {calls[0]}  or  {calls[1]}", code="answer.missing")

@@ -112,7 +112,7 @@ class StatedPoints:
                 near = nearest(given, names) or names[:_SHOWN]
                 problem = "no point of the programs has this name"
                 remedy = f"give a name of the program, such as {', '.join(near)}" if near else "remove it"
-                raise UseError(f"{self.exceptions.option} {given}", problem, remedy, code="program.option")
+                raise UseError(f"{self.exceptions.option} {given}", problem, remedy)
 
 
 def computed_points(rig: Rig) -> StatedPoints:
@@ -137,10 +137,10 @@ def points_of(
     if (unused := exceptions[other]).names:
         problem = f"all points are {kind} already (--points {kind})"
         remedy = f"name the {other} points with --{other}, or state --points {other}"
-        raise UseError(unused.option, problem, remedy, code="program.option")
+        raise UseError(unused.option, problem, remedy)
     if since and kind == "computed" and not exceptions[kind].names:
         problem = "states changes since points were taught, and all points are computed"
-        raise UseError("--since", problem, "state --points taught, or name points with --taught", code="program.option")
+        raise UseError("--since", problem, "state --points taught, or name points with --taught")
     taught = taught_origin(rig, since)
     right: PointOrigin = ComputedPoints(rig, tuple(supports(rig)))
     if isinstance(taught, ConvertedPoints):  # the values correct computed points; new numbers would correct twice
@@ -149,7 +149,7 @@ def points_of(
     if len({controller_robot(origin.then.robot).axes for origin in stated.stated}) > 1:
         problem = f"states a controller with other constants than {rig.name}, so both kinds of points need a call each"
         remedy = "correct the taught and the computed points with separate calls"
-        raise UseError("--since", problem, remedy, code="program.option")
+        raise UseError("--since", problem, remedy)
     return stated
 
 
@@ -166,11 +166,11 @@ def taught_origin(rig: Rig, since: Path | None) -> PointOrigin:
     then, _ = load(since)
     if not _is_same_type(then, rig):
         problem = f"is of a different type of arm ({then.robot.name}) than {rig.robot.name}"
-        raise FileError(str(since), problem, "give a calibration of this type of arm", code="points.since")
+        raise FileError(str(since), problem, "give a calibration of this type of arm", code="controller.invalid")
     for name, each in ((str(since), then), (rig.name, rig)):
         if each.calibrated is None and not any(effect.found for effect in each.effects):
             remedy = "give the rig file written by rig diagnose or rig calibrate (rig versions lists them)"
-            raise FileError(name, "has no calibration, so the arm is unknown", remedy, code="points.since")
+            raise FileError(name, "has no calibration, so the arm is unknown", remedy, code="controller.invalid")
     set_up = {key: getattr(rig.robot, key) for key in ("tool", "base", "payload_kg")}
     then = then.model_copy(update={"robot": then.robot.model_copy(update=set_up)})
     is_another = (then.robot.name, then.robot.serial) != (rig.robot.name, rig.robot.serial)

@@ -68,11 +68,11 @@ class ControllerState:
         entries = section.get("entries") if isinstance(section, Mapping) else None
         if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
             problem, remedy = "has no entries for a controller", f"create the file with rig correct --for {self.maker}"
-            raise FileError(where, problem, remedy, code="entries.none")
+            raise FileError(where, problem, remedy, code="controller.invalid")
         if section.get("name") != self.maker:
             problem = f"is for a controller of {section.get('name')!r}, but this controller is of {self.maker!r}"
             remedy = f"create the file with rig correct --for {self.maker}"
-            raise FileError(where, problem, remedy, code="entries.other_controller")
+            raise FileError(where, problem, remedy, code="robot.other")
         changed = self
         for number, entry in enumerate(entries, start=1):
             changed = changed._with(entry, self, f"{where}, entry {number}")
@@ -87,19 +87,19 @@ class ControllerState:
         ]
         if not candidates or candidates[0][1] > 6:
             problem = f"{str(name)!r} is not a parameter of a controller of {self.maker!r}"
-            raise FileError(where, problem, "give the unchanged file of rig correct", code="entries.parameter")
+            raise FileError(where, problem, "give the unchanged file of rig correct", code="controller.invalid")
         parameter, axis = candidates[0]
         number = isinstance(add, int | float) and not isinstance(add, bool) and math.isfinite(add)
         if unit != parameter.unit or not number:
             problem = f"{name} must be changed by a number in {parameter.unit}, not by {add!r} {unit!r}"
-            raise FileError(where, problem, "give the unchanged file of rig correct", code="entries.value")
+            raise FileError(where, problem, "give the unchanged file of rig correct", code="controller.invalid")
         change = parameter.factor * float(add or 0.0)
         if parameter.grows:
             stands = float(getattr(before.arm, parameter.field)[axis - 1])
             if isinstance(now, int | float) and abs(abs(stands) - now) > _SAME_SIZE * max(1.0, abs(now) * _SAME_SIZE):
                 problem = f"{name} is {abs(stands):g} mm at this controller, but the file assumes {now:g} mm"
                 remedy = "remove earlier entries, or repeat the correction for the nominal arm"
-                raise FileError(where, problem, remedy, code="entries.other_size")
+                raise FileError(where, problem, remedy, code="controller.invalid")
             change *= np.sign(stands)
         if parameter.unit == "deg" and parameter.field == "reading":  # set, after the entries before it
             change += float(before.reads_more[axis - 1] - self.reads_more[axis - 1])

@@ -46,7 +46,7 @@ def _path_of(directory: Path, name: str) -> Path:
     try:
         files = sorted(path for path in directory.iterdir() if maker_of_file(path))
     except OSError as error:
-        raise FileError.of_os(directory, error, "give a directory of programs", code="emulated.programs") from None
+        raise FileError.of_os(directory, error, "give a directory of programs", code="robot.refused") from None
     full = _plain(named.stem if maker_of_file(named) else name)
     matching = [path for path in files if path.name == name] or [path for path in files if full in _names(path)]
     # The program name is shortened to the limit of a controller.
@@ -57,11 +57,11 @@ def _path_of(directory: Path, name: str) -> Path:
         return matching[0]
     if matching:
         problem = f"is ambiguous: {' and '.join(path.name for path in matching)}"
-        raise FileError(repr(name), problem, "give the name of the file", code="program.ambiguous")
+        raise FileError(repr(name), problem, "give the name of the file", code="program.unclear")
     programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
     problem = f"is not a program in {directory}"
     remedy = f"give one of {programs}" if files else "write programs there with rig program"
-    raise FileError(repr(name), problem, remedy, code="program.unknown")
+    raise FileError(repr(name), problem, remedy, code="maker.unknown")
 
 
 def _plain(name: str) -> str:
@@ -92,7 +92,7 @@ class Pendant:
         if len(tests) != 1:
             problem = f"names {' and '.join(tests) or 'none'} of the tests, so the mounting of the gauges is unknown"
             remedy = f"include one of the words {', '.join(_TESTS)} in the file name"
-            raise FileError(str(path), problem, remedy, code="program.test")
+            raise FileError(str(path), problem, remedy, code="usage")
         test = tests[0]
         try:
             T = arm_of(self._rig.robot).T_flange_tool
@@ -106,7 +106,7 @@ class Pendant:
             driven = drive(controller, machine.events, near, str(path))
         except ProgramError as error:
             problem = f"the controller rejects the program: {error}"
-            raise FileError(str(path), problem, "correct the program", code="program.rejected") from None
+            raise FileError(str(path), problem, "correct the program", code="robot.refused") from None
         g_mm = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more)
         signals = self._signals(driven)
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
@@ -131,11 +131,11 @@ class Pendant:
         self._maker = self._maker or maker
         if self._maker is None:
             problem = "does not name the maker of the controller"
-            raise FileError(where, problem, "give --for", code="controller.maker")
+            raise FileError(where, problem, "give --for", code="maker.unknown")
         if maker and maker != self._maker:
             problem = f"is for a controller of {maker!r}, but this controller is of {self._maker!r}"
             remedy = f"create the file for {self._maker}, or start with --for {maker}"
-            raise FileError(where, problem, remedy, code="controller.maker")
+            raise FileError(where, problem, remedy, code="maker.unknown")
         return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:

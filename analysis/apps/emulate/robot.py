@@ -255,13 +255,13 @@ class EmulatedRobot:
         states: dict[str, type[IntEnum]] = {PROGRAM: ProgramState, SAFETY: SafetyState}
         if column not in CONDITION:
             remedy = f"choose from {', '.join(CONDITION)}"
-            raise FileError(repr(column), "is not a condition of the robot", remedy, code="emulated.condition")
+            raise FileError(repr(column), "is not a condition of the robot", remedy, code="usage")
         try:
             shown = float(states[column](int(value))) if column in states else float(value)
         except ValueError:
             states_in_words = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
             remedy = f"give {states_in_words or 'a number'}"
-            raise FileError(repr(value), f"is not a valid {column}", remedy, code="emulated.condition") from None
+            raise FileError(repr(value), f"is not a valid {column}", remedy, code="usage") from None
         self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:
@@ -278,7 +278,7 @@ class EmulatedRobot:
                 driven = target_trace(self._rig, program)
             case _:
                 remedy = f"type {', '.join(PROGRAMS)} or quit"
-                raise FileError(repr(program), "is not a program", remedy, code="program.unknown")
+                raise FileError(repr(program), "is not a program", remedy, code="maker.unknown")
         number = float(1 + PROGRAMS.index(program))
         return self.play(replace(driven, signals=((-_STANDSTILL_S, number), (driven.end_s, 0.0))))
 

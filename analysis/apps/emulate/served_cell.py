@@ -111,10 +111,10 @@ class Keyboard:
             return
         done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
         if done is None:
-            raise UseError(repr(line), "is not a command", "type stop, pause or go on", code="emulated.command")
+            raise UseError(repr(line), "is not a command", "type stop, pause or go on", code="robot.refused")
         if not done():
             problem = "no program is waiting or paused" if line == "go on" else "no program drives"
-            raise UseError(line, problem, "start a program with run NAME", code="emulated.not_driving")
+            raise UseError(line, problem, "start a program with run NAME", code="robot.refused")
 
     def _begin(self, line: str) -> None:
         word, _, name = line.partition(" ")
@@ -128,7 +128,7 @@ class Keyboard:
             seconds = self._robot.play(self._with_programs().trace(name))
         elif self._pendant and self._pendant.controller:
             problem = "is not possible with the entered parameters"
-            raise UseError(line, problem, "start a program with run NAME", code="emulated.entered")
+            raise UseError(line, problem, "start a program with run NAME", code="robot.refused")
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
@@ -143,7 +143,7 @@ class Keyboard:
     def _with_programs(self) -> Pendant:
         if self._pendant is None:
             remedy = "start rig emulate with --programs DIRECTORY"
-            raise UseError("rig emulate", "has no programs", remedy, code="emulated.no_programs")
+            raise UseError("rig emulate", "has no programs", remedy, code="robot.refused")
         return self._pendant
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
@@ -169,7 +169,7 @@ def locked_cell(directory: Path) -> int:
     if lock is None:
         problem = "a different rig emulate or rig replay serves a cell in this directory"
         remedy = "stop that one, or choose a different --output"
-        raise CellError(str(directory), problem, remedy, code="cell.second")
+        raise CellError(str(directory), problem, remedy, code="usage")
     return lock
 
 
@@ -216,10 +216,10 @@ def serve_emulated(
     effects: file or shipped rig with the hidden effects; None for those of the rig file.
     """
     if maker and programs is None:
-        raise UseError("--for", "applies only to --programs", "add --programs", code="emulated.option_unused")
+        raise UseError("--for", "applies only to --programs", "add --programs")
     if programs is not None and not programs.is_dir():
         remedy = "give the directory of the programs"
-        raise FileError(str(programs), "is not a directory", remedy, code="emulated.no_programs")
+        raise FileError(str(programs), "is not a directory", remedy, code="robot.refused")
     rig, text = load(rig_file)
     path = rig_file_of_cell(directory)
     rig = load_hidden(effects).apply_to(rig) if effects else rig

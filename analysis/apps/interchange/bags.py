@@ -78,10 +78,10 @@ class McapBag:
                 remedy = "record the topics of joints and gauges only, or import the file in several runs"
                 if (unpacked := unpacked + size) > _MOST_UNPACKED:
                     problem = f"expands to more than {_MOST_UNPACKED / 1e9:g} GB"
-                    raise FileError(self.where, problem, remedy, code="bag.too_large")
+                    raise FileError(self.where, problem, remedy, code="file.too_large")
                 if size > _MOST_OF_CHUNK:
                     problem = f"contains a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB"
-                    raise FileError(self.where, problem, remedy, code="bag.too_large")
+                    raise FileError(self.where, problem, remedy, code="file.too_large")
             else:
                 checked &= not isinstance(record, Message)
             for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,):
@@ -176,20 +176,20 @@ def file_of(path: Path) -> Path:
         problem = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
         several = "merge the files into a single bag: ros2 bag convert"
         remedy = several if files else "give the file, or the directory of ros2 bag record"
-        raise FileError(str(path), problem, remedy, code="bag.directory")
+        raise FileError(str(path), problem, remedy, code="table.invalid")
     file = str(files[0])
     log = Path(f"{file}-wal")
     if log.exists() and log.stat().st_size:
         problem = f"was not closed: the last messages are still in {log.name}"
         remedy = f"write that file into the bag: sqlite3 {as_argument(file)} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-        raise FileError(file, problem, remedy, code="bag.not_closed")
+        raise FileError(file, problem, remedy, code="table.invalid")
     return files[0]
 
 
 def messages_of(bag: Bag) -> Iterator[BagMessage]:
     if not bag.is_whole:
         remedy = "copy the bag a second time, or repair an interrupted recording: mcap recover BAG -o REPAIRED"
-        raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy, code="bag.damaged")
+        raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy, code="table.invalid")
     try:
         for message in bag.messages():
             if not max(message.log_ns, message.sent_ns) < _LAST_NS:
@@ -203,7 +203,7 @@ def messages_of(bag: Bag) -> Iterator[BagMessage]:
         damage = str(error)[:80] or type(error).__name__
         if isinstance(error, CRCValidationError):
             damage = "the content has changed since it was recorded (CRC-32)"
-        raise FileError(bag.where, f"is damaged: {damage}", "copy the bag again", code="bag.damaged") from None
+        raise FileError(bag.where, f"is damaged: {damage}", "copy the bag again", code="table.invalid") from None
 
 
 JOINT_STATE, NUMBER, TF = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "tf2_msgs/msg/TFMessage"

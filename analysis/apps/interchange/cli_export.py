@@ -71,7 +71,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
         durable.persist(output)  # rigd may delete a marked run, and a power failure must not destroy the only copy.
     except OSError as error:
         problem = f"could not be written durably, so {path} is not marked as exported: {error.strerror or error}"
-        raise CellError(str(output), problem, "export to a different disk", code="export.not_written") from None
+        raise CellError(str(output), problem, "export to a different disk", code="output.not_writable") from None
     try:
         mark_exported(path, to, output)
     except RigError as error:
@@ -86,5 +86,5 @@ def _map_of(run: Run) -> bytes:
     if table is None or not table.map:
         problem = "was imported without a column map" if table else "is a recorded run without an imported table"
         remedy = "give a run that rig import created from a table with different columns"
-        raise FileError(str(run.path), problem, remedy, code="export.no_map")
+        raise FileError(str(run.path), problem, remedy, code="file.invalid")
     return table.map.encode()

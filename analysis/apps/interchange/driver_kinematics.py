@@ -113,7 +113,7 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
 
 def _wrong_kind(where: str, file: str) -> FileError:
     problem, remedy = f"the kinematics of the arm do not match {file}", "export a URDF, which can describe any arm"
-    return FileError(f"{where}, robot.axes", problem, remedy, code="export.kinematics")
+    return FileError(f"{where}, robot.axes", problem, remedy, code="output.invalid")
 
 
 def _entry(T: Array) -> dict[str, float]:
@@ -146,7 +146,7 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a valid hash of the driver"
         remedy = "copy the hash from the file extracted by the driver: calib_ and digits"
-        raise UseError("--hash", problem, remedy, code="export.hash")
+        raise UseError("--hash", problem, remedy, code="output.invalid")
     off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
     if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
         raise _wrong_kind(where, "calibration.yaml of Universal Robots")

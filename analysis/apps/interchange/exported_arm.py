@@ -46,7 +46,7 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
     """
     if friction and max(friction) > len(nm_per_a):
         problem = f"has {len(nm_per_a)} numbers, but the run shows the friction of axis {max(friction)}"
-        raise UseError(_OPTION, problem, "give a number for each axis, from the data sheet", code="export.torques")
+        raise UseError(_OPTION, problem, "give a number for each axis, from the data sheet", code="output.invalid")
     return {axis: joint.current_a * nm_per_a[axis - 1] for axis, joint in sorted(friction.items())}
 
 
@@ -55,7 +55,7 @@ def torques_of(text: str) -> tuple[float, ...]:
     values = numbers_in(text)
     if not values or min(values) <= 0:
         problem, remedy = f"{text!r} is not a list of torques above zero", "give a number per axis, separated by commas"
-        raise UseError(_OPTION, problem, remedy, code="export.torques")
+        raise UseError(_OPTION, problem, remedy, code="output.invalid")
     return values
 
 

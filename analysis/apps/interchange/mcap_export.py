@@ -96,7 +96,7 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
     if run.table is not None:
         if "t_s" not in run.table.column_names or not pa.types.is_floating(run.table.schema.field("t_s").type):
             problem = "the column t_s is missing, but MCAP needs the time of each row"
-            raise FileError(str(run.path), problem, "export the run as CSV or Parquet", code="export.time")
+            raise FileError(str(run.path), problem, "export the run as CSV or Parquet", code="output.invalid")
         tables = {TABLE: run.table}
     else:
         faults = pa.Table.from_pylist(run.faults, schema=pa.schema(list(FAULT_COLUMNS.items())))
@@ -176,6 +176,6 @@ def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
             str(run.path),
             problem,
             "import the table with t_s in seconds, or export as csv or parquet",
-            code="export.time",
+            code="output.invalid",
         )
     return np.asarray(np.rint(since_ns), dtype=np.uint64)

@@ -83,7 +83,7 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
             where,
             f"contains no usable stop of the robot ({reasons})",
             "stop the robot at each pose",
-            code="bag.no_stops",
+            code="table.invalid",
         )
     scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
     head = ["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter]
@@ -112,12 +112,12 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
     if topic not in joint_topics:
         has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
         problem = f"{JOINT_STATE} on {topic} is missing; available: {has}"
-        raise FileError(where, problem, "set the topic in the rig file", code="bag.topic_missing")
+        raise FileError(where, problem, "set the topic in the rig file", code="table.invalid")
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
         problem = f"contains an invalid joint name {odd[0][:40]!r}"
-        raise FileError(where, problem, "name the six joints in the rig file", code="bag.joint_name")
+        raise FileError(where, problem, "name the six joints in the rig file", code="table.invalid")
     joints, placed = Track(), dict[str, Track]()
     for message in states:
         stamp_ns, angles = joint_state(message.data)
@@ -141,7 +141,7 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
             where,
             problem,
             "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}",
-            code="bag.no_joints",
+            code="table.invalid",
         )
     return names, joints, placed
 
@@ -151,12 +151,12 @@ def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
     if not named:
         problem = f"a message with {axes} to {_MOST_JOINTS} named joints is missing"
         remedy = "give the rig file of the measured arm, and publish JointState with names"
-        raise FileError(where, problem, remedy, code="bag.no_joints")
+        raise FileError(where, problem, remedy, code="table.invalid")
     if others := next((names for names in named if not set(names) & set(named[0])), None):
         arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (named[0], others))
         problem = f"contains the joints of two arms on a single topic ({arms[:300]})"
         remedy = "give the joints of the measured arm in the rig file: feedback.joints"
-        raise FileError(where, problem, remedy, code="bag.ambiguous")
+        raise FileError(where, problem, remedy, code="table.invalid")
     return named[0]
 
 
@@ -170,12 +170,12 @@ def _chosen(placed: dict[str, Track], topic: str, where: str) -> tuple[str, Trac
             where,
             f"a topic with positions is missing ({kinds})",
             "also record the topic of the measuring instrument",
-            code="bag.no_positions",
+            code="table.invalid",
         )
     if topic:
         if topic not in tracks:
             raise FileError(
-                where, f"contains no positions on {topic!r}", f"choose --topic from {has}", code="bag.no_positions"
+                where, f"contains no positions on {topic!r}", f"choose --topic from {has}", code="table.invalid"
             )
         return topic, tracks[topic]
     no_transforms = {name: track for name, track in tracks.items() if ":" not in name} or tracks
@@ -184,7 +184,7 @@ def _chosen(placed: dict[str, Track], topic: str, where: str) -> tuple[str, Trac
             where,
             f"contains {len(tracks)} topics or frames with positions ({has})",
             "choose the instrument's topic with --topic",
-            code="bag.ambiguous",
+            code="table.invalid",
         )
     return next(iter(no_transforms.items()))
 

@@ -168,7 +168,7 @@ def _read(bag: Bag, rig: Rig) -> dict[str, Track]:
     where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "add the joints to the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
-        raise FileError(where, "is a bag, but the rig file does not name the joints", remedy, code="bag.joint_name")
+        raise FileError(where, "is a bag, but the rig file does not name the joints", remedy, code="table.invalid")
     names = rig.feedback.joints
 
     def angles_deg(data: bytes) -> Message:
@@ -194,11 +194,11 @@ def _read(bag: Bag, rig: Rig) -> dict[str, Track]:
         track.add(message.log_ns, stamp_ns or sent_ns, values)
         if len(track.log_ns) > _MOST_MESSAGES:
             problem = f"contains more than {_MOST_MESSAGES} messages of {message.topic}"
-            raise FileError(where, problem, "import the file in several runs", code="bag.too_large")
+            raise FileError(where, problem, "import the file in several runs", code="file.too_large")
     for topic, track in tracks.items():
         if len(track.log_ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
             problem = f"contains fewer than two usable messages of {topic} ({decoders[topic][0]}); its topics: {has}"
             remedy = "set the topic and the joints in the rig file, and publish the gauges on /g1, /g2"
-            raise FileError(where, problem, remedy, code="bag.too_large")
+            raise FileError(where, problem, remedy, code="file.too_large")
     return tracks

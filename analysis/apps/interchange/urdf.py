@@ -74,22 +74,22 @@ def read_urdf(path: Path) -> Urdf:
     for link in root.findall("link"):
         link_name = _attribute(link, "name", where)
         if link_name in masses:
-            raise FileError(where, f"has two links named {link_name}", "rename one of them", code="urdf.twice")
+            raise FileError(where, f"has two links named {link_name}", "rename one of them", code="urdf.invalid")
         (kg,) = _numbers(link, "inertial/mass", "value", (0.0,), where)
         if kg < 0:
-            raise FileError(where, f"link {link_name} has the mass {kg:g} kg", "correct it", code="urdf.value")
+            raise FileError(where, f"link {link_name} has the mass {kg:g} kg", "correct it", code="urdf.invalid")
         masses[link_name] = kg, _frame(link, "inertial/origin", where)[:3, 3]
         ElementTree.SubElement(bare, "link", name=link_name)
     joints = tuple(_joint(joint, where) for joint in root.findall("joint"))
     bare.extend(map(_bare, root.findall("joint")))
     names, children = [joint.name for joint in joints], [joint.child for joint in joints]
     if unknown := [end for joint in joints for end in (joint.parent, joint.child) if end not in masses]:
-        raise FileError(where, f"link {unknown[0]} of a joint is missing", "correct the joint", code="urdf.not_urdf")
+        raise FileError(where, f"link {unknown[0]} of a joint is missing", "correct the joint", code="urdf.invalid")
     if twice := _twice(names):
-        raise FileError(where, f"has two joints named {twice}", "rename one of them", code="urdf.twice")
+        raise FileError(where, f"has two joints named {twice}", "rename one of them", code="urdf.invalid")
     if twice := _twice(children):
         remedy = "remove one of them: a URDF is a tree"
-        raise FileError(where, f"link {twice} is the child of two joints", remedy, code="urdf.tree")
+        raise FileError(where, f"link {twice} is the child of two joints", remedy, code="urdf.invalid")
     return Urdf(name, masses, joints, ElementTree.tostring(bare, encoding="unicode"))
 
 
@@ -101,21 +101,21 @@ def _xml_root(path: Path) -> ElementTree.Element:
         raise FileError(where, error.strerror or str(error), _GIVE_URDF, code="file.unreadable") from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # A few lines of nested entities expand to gigabytes.
         problem = "declares a document type or entities, which are not allowed in a URDF"
-        raise FileError(where, problem, "remove <!DOCTYPE …>", code="urdf.entities")
+        raise FileError(where, problem, "remove <!DOCTYPE …>", code="urdf.invalid")
     try:
         root = ElementTree.fromstring(text.encode())  # noqa: S314 - no entities
     except ElementTree.ParseError as error:
-        raise FileError(where, f"not XML: {error}", _GIVE_URDF, code="urdf.not_urdf") from None
+        raise FileError(where, f"not XML: {error}", _GIVE_URDF, code="urdf.invalid") from None
     if root.tag != "robot":
         problem = f"is not a URDF: the root element is <{root.tag}>, not <robot>"
-        raise FileError(where, problem, _GIVE_URDF, code="urdf.not_urdf")
+        raise FileError(where, problem, _GIVE_URDF, code="urdf.invalid")
     if any("xacro" in str(part.tag) or any("${" in value for value in part.attrib.values()) for part in root.iter()):
         raise FileError(
-            where, "is xacro, not URDF", "expand the macros first: xacro FILE > arm.urdf", code="urdf.xacro"
+            where, "is xacro, not URDF", "expand the macros first: xacro FILE > arm.urdf", code="urdf.invalid"
         )
     if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
         problem = f"has {count} links and joints, more than {_MOST_PARTS}"
-        raise FileError(where, problem, "give the URDF of a single arm", code="urdf.too_large")
+        raise FileError(where, problem, "give the URDF of a single arm", code="file.too_large")
     return root
 
 
@@ -123,10 +123,10 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     name, kind = _attribute(element, "name", where), element.get("type")
     if kind not in _TYPES:
         problem = f"joint {name} is {kind}" if kind else f"joint {name} has no type"
-        raise FileError(where, problem, "write type revolute, or remove the joint", code="urdf.not_urdf")
+        raise FileError(where, problem, "write type revolute, or remove the joint", code="urdf.invalid")
     ends = [element.find(end) for end in ("parent", "child")]
     if any(end is None for end in ends):
-        raise FileError(where, f"joint {name} lacks the parent or the child", "add it", code="urdf.not_urdf")
+        raise FileError(where, f"joint {name} lacks the parent or the child", "add it", code="urdf.invalid")
     parent, child = (_attribute(end, "link", where) for end in ends if end is not None)
     bounds = (("lower", -math.inf), ("upper", math.inf), ("velocity", math.inf))
     ((lower,), (upper,), (velocity,)) = (_numbers(element, "limit", key, (value,), where) for key, value in bounds)
@@ -153,7 +153,7 @@ def _bare(joint: ElementTree.Element) -> ElementTree.Element:
 
 def _attribute(element: ElementTree.Element, key: str, where: str) -> str:
     if (value := element.get(key)) is None:
-        raise FileError(where, f"an element <{element.tag}> has no {key}", "add it", code="urdf.not_urdf")
+        raise FileError(where, f"an element <{element.tag}> has no {key}", "add it", code="urdf.invalid")
     return value
 
 
@@ -179,7 +179,7 @@ def _numbers(
     if len(numbers) != len(default) or not all(abs(number) < _LARGEST for number in numbers):
         problem = f"{element.tag} {element.get('name')} has {below} {key}={words!r}"
         remedy = f"write {'three numbers' if len(default) == 3 else 'a number'} in the range of a robot arm"
-        raise FileError(where, problem, remedy, code="urdf.value")
+        raise FileError(where, problem, remedy, code="urdf.invalid")
     return numbers
 
 
@@ -235,14 +235,14 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     if tip is None and last and any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
         problem = f"the last joint, {last.name} to {last.child}, belongs to a gripper according to its name"
         remedy = f"choose the flange: --tip {last.parent}, or --tip {last.child} if the joint is an axis"
-        raise FileError(where, problem, remedy, code="urdf.gripper")
+        raise FileError(where, problem, remedy, code="urdf.invalid")
     if loose := next((joint for joint in chain.up if joint.moves), None):
-        raise FileError(where, f"joint {loose.name} moves the base {start}", _REMEDY, code="urdf.base_moves")
+        raise FileError(where, f"joint {loose.name} moves the base {start}", _REMEDY, code="urdf.invalid")
     for joint in moving:
         _require_an_axis(joint, where, rail=joint is chain.rail)
     if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
         problem = f"{count} turning joints from {start} to {end}; an arm needs {FEWEST_AXES} to {MOST_AXES}"
-        raise FileError(where, problem, _REMEDY, code="urdf.axes")
+        raise FileError(where, problem, _REMEDY, code="urdf.invalid")
     return chain
 
 
@@ -288,18 +288,18 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
     for name in (base, tip):
         if name is not None and name not in names:
             raise FileError(
-                where, f"has no link {name}", f"its links are {first_of(names, _LISTED)}", code="urdf.link_missing"
+                where, f"has no link {name}", f"its links are {first_of(names, _LISTED)}", code="urdf.invalid"
             )
     start = base or "base"
     if start not in names:
         if not names:
             raise FileError(
-                where, "has no links", "give the URDF of an arm, after expanding xacro macros", code="urdf.no_links"
+                where, "has no links", "give the URDF of an arm, after expanding xacro macros", code="urdf.invalid"
             )
         roots = [name for name in names if name not in above]
         if len(roots) != 1:
             problem = f"has {len(roots)} links without a parent" + (f": {first_of(roots, _LISTED)}" if roots else "")
-            raise FileError(where, problem, "choose the base link of the arm with --base", code="urdf.ambiguous")
+            raise FileError(where, problem, "choose the base link of the arm with --base", code="urdf.invalid")
         start = roots[0]
     if tip or "tool0" in names:
         return start, tip or "tool0"
@@ -311,11 +311,11 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
             where,
             "has no moving joint",
             f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes",
-            code="urdf.no_joints",
+            code="urdf.invalid",
         )
     if len(moved) > 1:
         raise FileError(
-            where, f"has {len(moved)} ends: {first_of(moved, _LISTED)}", "choose one with --tip", code="urdf.tree"
+            where, f"has {len(moved)} ends: {first_of(moved, _LISTED)}", "choose one with --tip", code="urdf.invalid"
         )
     return start, moved[0]
 
@@ -325,16 +325,16 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     if joint.follows is not None:
         problem = f"{place} follows joint {joint.follows}, as in a parallelogram, which rig does not describe"
         remedy = "choose an end before that joint with --tip, if there is one"
-        raise FileError(where, problem, remedy, code="urdf.parallel")
+        raise FileError(where, problem, remedy, code="urdf.invalid")
     if joint.type == "prismatic" and not rail:
-        raise FileError(where, f"{place} is prismatic", _SLIDES, code="urdf.prismatic")
+        raise FileError(where, f"{place} is prismatic", _SLIDES, code="urdf.invalid")
     if np.linalg.norm(joint.axis) < 1e-6:
         remedy = "write the direction of the axis, such as 0 0 1"
-        raise FileError(where, f"{place} has an axis of zero length", remedy, code="urdf.value")
+        raise FileError(where, f"{place} has an axis of zero length", remedy, code="urdf.invalid")
     if not (-math.inf < joint.lower < joint.upper < math.inf and 0 < joint.velocity < math.inf):
         problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
         remedy = "write <limit> with lower below upper, and a velocity above 0"
-        raise FileError(where, problem, remedy, code="urdf.no_limits")
+        raise FileError(where, problem, remedy, code="urdf.invalid")
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
@@ -342,7 +342,10 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
     while joint := above.get(link):
         if len(path) > len(above):
             raise FileError(
-                where, f"the links above {link} form a circle", "correct the links: a URDF is a tree", code="urdf.tree"
+                where,
+                f"the links above {link} form a circle",
+                "correct the links: a URDF is a tree",
+                code="urdf.invalid",
             )
         path.append(joint)
         link = joint.parent

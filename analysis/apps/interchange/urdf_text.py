@@ -35,7 +35,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
         remedy = (
             "in a copy, set coupling to the signs only, and convert joint angles to axis angles before using the file"
         )
-        raise FileError(f"{where}, robot.coupling", problem, remedy, code="export.kinematics")
+        raise FileError(f"{where}, robot.coupling", problem, remedy, code="output.invalid")
     return [int(sense) for sense in senses]
 
 
@@ -114,14 +114,17 @@ def require_names(robot: Robot, where: str) -> None:
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
             problem = f"axis {k} has the name {name!r}, which is not valid in a URDF"
-            raise FileError(f"{where}, robot.axes", problem, "use printable characters only", code="export.name")
+            raise FileError(f"{where}, robot.axes", problem, "use printable characters only", code="output.invalid")
         if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
             raise FileError(
-                f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them", code="export.name"
+                f"{where}, robot.axes",
+                f"two joints would be named {name!r}",
+                "rename one of them",
+                code="output.invalid",
             )
     if not robot.name.isprintable():
         problem = f"the name {robot.name!r} is not valid in a URDF"
-        raise FileError(f"{where}, robot.name", problem, "use printable characters only", code="export.name")
+        raise FileError(f"{where}, robot.name", problem, "use printable characters only", code="output.invalid")
 
 
 def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
@@ -187,7 +190,10 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
     for name in (robot.name, *(axis.name for axis in robot.axes)):
         if _EXPANDS.search(name):
             raise FileError(
-                f"{where}, robot", f"xacro would evaluate the name {name!r}", "remove the $ from it", code="export.name"
+                f"{where}, robot",
+                f"xacro would evaluate the name {name!r}",
+                "remove the $ from it",
+                code="output.invalid",
             )
     ElementTree.register_namespace("xacro", _XACRO)
     root = ElementTree.Element("robot")

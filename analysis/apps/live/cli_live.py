@@ -44,9 +44,9 @@ def live(
     from rigs.errors import UseError
 
     if plain and as_json:
-        raise UseError("--plain and --json", "exclude each other", "give one of them", code="live.option")
+        raise UseError("--plain and --json", "exclude each other", "give one of them")
     if speed is not None and not run:
-        raise UseError("--speed", "is allowed only with --run", "give the run to play", code="live.option")
+        raise UseError("--speed", "is allowed only with --run", "give the run to play")
     in_lines, fills_screen = plain or as_json, is_terminal() and not (plain or as_json)
     if run:
         _play(run, speed or 1.0, as_json=as_json, fills_screen=fills_screen)

@@ -74,7 +74,9 @@ def played_run(path: Path, speed: float) -> PlayedRun:
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
         if not isinstance(table, CircleTable):
             problem = f"is a {run.manifest.test} table, which has targets but no motion"
-            raise FileError(str(path), problem, "give a circle run, or a run recorded by rigd", code="run.no_motion")
+            raise FileError(
+                str(path), problem, "give a circle run, or a run recorded by rigd", code="readings.unsuitable"
+            )
         t_s, q, readings = table.t_s, table.q, table.g_mm
     g_mm = np.full((len(readings), 2), np.nan)  # nan for an unused gauge
     g_mm[:, : readings.shape[1]] = readings

@@ -134,12 +134,12 @@ class _PackageValue(Generic[T]):
                     maker.name,
                     self.lacking,
                     f"choose a different maker, or add {place} to the package",
-                    code="maker.lacking",
+                    code="maker.unknown",
                 ) from None
             if maker.name in MAKERS:
                 raise
             raise UseError(
-                maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}", code="maker.package"
+                maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}", code="package.missing"
             ) from error
         return answer
 

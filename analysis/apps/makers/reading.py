@@ -28,7 +28,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
-        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path), code="program.unknown")
+        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path), code="maker.unknown")
     files, data = maker.files, maker.files.data
     if path.is_dir():
         suffixes, is_of_maker = (*files.suffixes, data), maker.reader.is_of_maker
@@ -49,7 +49,7 @@ def _text(file: Path, *, is_only: bool) -> str | None:
         content = read_bytes(file, MOST_BYTES)
     except OSError as error:
         problem, remedy = error.strerror or str(error), "check the path and the permissions"
-        raise FileError(str(file), problem, remedy, code="program.unreadable") from None
+        raise FileError(str(file), problem, remedy, code="file.unreadable") from None
     if _is_encoded(content):
         if is_only:
             raise _encoded(file)
@@ -64,7 +64,7 @@ def _is_encoded(content: bytes) -> bool:
 
 def _encoded(path: Path) -> FileError:
     problem, remedy = "is encoded, binary or UTF-16 text", "give the program as ASCII, Latin-1 or UTF-8 text"
-    return FileError(str(path), problem, remedy, code="program.encoding")
+    return FileError(str(path), problem, remedy, code="file.invalid")
 
 
 def _maker_of_directory(path: Path) -> Maker:
@@ -72,7 +72,7 @@ def _maker_of_directory(path: Path) -> Maker:
     if len(names) != 1:
         problem = f"has programs of {', '.join(sorted(names))}" if names else "has no robot program"
         remedy = f"give a program {suffixes_in_words()}, or a directory of one controller"
-        raise FileError(str(path), problem, remedy, code="program.unknown")
+        raise FileError(str(path), problem, remedy, code="maker.unknown")
     return maker_by(names.pop())
 
 
@@ -91,7 +91,7 @@ def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str
     if len(found) > _MOST_FILES or sum(file.stat().st_size for file in found) > MOST_BYTES:
         problem = f"has more than {_MOST_FILES} files, or {MOST_BYTES // 1_000_000} MB, that the program could use"
         remedy = "put the program with its files into a separate directory"
-        raise FileError(str(root), problem, remedy, code="program.too_large")
+        raise FileError(str(root), problem, remedy, code="file.too_large")
     return {file.relative_to(root).as_posix(): file for file in found}
 
 
@@ -111,7 +111,7 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if not _is_encoded(content)}
     if neutral and not reader.empty:
         problem = f"is not possible for {maker.files.label}: a program is a single file"
-        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="program.neutral")
+        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="program.unclear")
     stems = {Path(name).stem.upper() for name in (*files, *read_beside)}
     absent = tuple(dict.fromkeys(name for name in neutral if name.upper() not in stems))
     read_beside |= {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in absent}
@@ -146,7 +146,7 @@ def _refuse(path: Path, pattern: re.Pattern[str], problem: str) -> None:
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
             file = path / name if path.is_dir() else path.with_name(name)
             remedy = "give the original; --anyway corrects anyway"
-            raise FileError(f"{file}:{line}", problem, remedy, code="program.already_corrected")
+            raise FileError(f"{file}:{line}", problem, remedy, code="correction.repeated")
 
 
 def is_marked(path: Path) -> bool:

@@ -47,7 +47,7 @@ class ToolPath:
         q = follow(arm, arm.T_world_base @ self.poses, begin, where)
         for axis in np.flatnonzero(self.joint_speeds(q) > arm.speed):
             problem = f"axis {axis + 1} is too slow for the path"
-            raise FileError(where, problem, "move the test away from the singularity", code="path.speed")
+            raise FileError(where, problem, "move the test away from the singularity", code="path.impossible")
         return q
 
 

@@ -32,11 +32,11 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) ->
         if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
             problem = f"digital output {unknown[0]} does not exist on a {maker} controller"
             remedy = f"give --outputs from {outputs.start} to {outputs.stop - 1}"
-            raise FileError(plan.name, problem, remedy, code="program.output")
+            raise FileError(plan.name, problem, remedy, code="output.invalid")
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:
                 remedy = "give the rig file a shorter name"
-                raise FileError(name, "would contain two programs", remedy, code="program.twice")
+                raise FileError(name, "would contain two programs", remedy, code="program.invalid")
     return files
 
 

@@ -85,11 +85,11 @@ def pair(
             "rig pair",
             "needs both rig files, then a table of touches or --plan N",
             "see rig pair --help",
-            code="pair.input",
+            code="pair.invalid",
         )
     for option, value in (("--base", base), ("--simulate", simulate)):
         if value is not None and plan is None:
-            raise UseError(option, "is allowed only with --plan", "add --plan N", code="pair.option")
+            raise UseError(option, "is allowed only with --plan", "add --plan N")
     if plan is not None:
         (first, _), (second, _) = _two_rigs(first_file, second_file)
         _plan(first, second, (first_file, second_file), plan, base, simulate, output, as_json=as_json)
@@ -103,7 +103,7 @@ def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple
     first, second = load(first_file), load(second_file)
     if first[0].name == second[0].name:
         problem = f"has the same name as the first rig file, {first[0].name}"
-        raise FileError(second_file, problem, "give each arm a unique name (key name)", code="pair.same_name")
+        raise FileError(second_file, problem, "give each arm a unique name (key name)", code="pair.invalid")
     return first, second
 
 
@@ -165,20 +165,23 @@ def _plan(
     from rigs.schema.robot import Pose
 
     if seed is not None and output is None:
-        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv", code="pair.simulate")
+        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv", code="pair.invalid")
     if output:
         refuse_existing(output)
     if base is not None:
         values = numbers_in(base)
         if len(values) not in _BASE_NUMBERS:
             remedy = "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180"
-            raise UseError("--base", f"{base!r} is not a pose", remedy, code="pair.base")
+            raise UseError("--base", f"{base!r} is not a pose", remedy, code="pair.invalid")
         pose = Pose.model_validate({"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)})
         second = second.model_copy(update={"robot": second.robot.model_copy(update={"base": pose})})
     if first.robot.base == second.robot.base:
         problem = "has its base at the same place as the first arm"
         raise FileError(
-            files[1], problem, "give its base: --base X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180", code="pair.base"
+            files[1],
+            problem,
+            "give its base: --base X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180",
+            code="pair.invalid",
         )
     with progress_of("choosing postures"):
         planned = plan_touches(first, second, count, " and ".join(files))

@@ -53,13 +53,11 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
                 rig.name,
                 "is on a rail, which a pair does not support",
                 "lock the rail and remove the key",
-                code="pair.rail",
+                code="arm.invalid",
             )
         if rig.calibrated is not None:
             problem = "has a calibration already, which a pair would count twice"
-            raise FileError(
-                rig.name, problem, "give the rig file without the section calibration", code="pair.calibrated"
-            )
+            raise FileError(rig.name, problem, "give the rig file without the section calibration", code="pair.invalid")
     distances = [rig.tests.touch.distances for rig in (first, second) if rig.tests.touch]
     arms = PairArm(first, arm_terms(first)), PairArm(second, arm_terms(second))
     return Pair(*arms, table, tuple(distance for of_rig in distances for distance in of_rig), where)
@@ -74,7 +72,7 @@ def fit_pair(pair: Pair) -> FittedPair:
             pair.where,
             problem,
             "make the touches, and write the joints that both controllers show",
-            code="pair.planned_joints",
+            code="pair.invalid",
         )
     odd: list[tuple[int, float]] = []
     allowed = int(_MOST_OUTLIERS_SHARE * len(pair.table.q))
@@ -97,11 +95,11 @@ def fit_pair(pair: Pair) -> FittedPair:
                 f"more than {allowed} of {len(pair.table.q) + len(odd) - 1} touches do not fit the others ({rows} …)"
             )
             remedy = "check that the ball was seated and the joints of both arms were read"
-            raise FileError(pair.where, problem, remedy, code="pair.outliers")
+            raise FileError(pair.where, problem, remedy, code="pair.invalid")
         pair, levels = pair.rows(np.arange(len(pair.table.q)) != worst), None
         if len(pair.table.q) < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
             problem = "has too few touches after the removal of outliers"
-            raise FileError(pair.where, problem, "touch in more postures", code="pair.few_touches")
+            raise FileError(pair.where, problem, "touch in more postures", code="readings.too_few")
 
 
 def ball_of(rig: Rig) -> Array:
@@ -140,7 +138,7 @@ def start(pair: Pair) -> tuple[PairState, float]:
     if rms > _LARGEST_GAP_MM:
         problem = f"ball and socket are {rms:.0f} mm apart, whatever the place of the second base"
         remedy = "check the order of the two rig files, the units, and that each row has the joints of one touch"
-        raise FileError(pair.where, problem, remedy, code="pair.other_touches")
+        raise FileError(pair.where, problem, remedy, code="pair.invalid")
     return begun.moved(np.concatenate([np.zeros(terms), solution.x]), centre), rms
 
 

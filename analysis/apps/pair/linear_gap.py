@@ -167,7 +167,7 @@ def _known_distances(pair: Pair) -> list[KnownSocketDistance]:
         if (begin in fixed) != (end in fixed):
             problem = f"the distance from {begin} to {end} is between a fixed socket and a socket on the second arm"
             remedy = "give distances of two sockets that move together"
-            raise FileError(pair.where, problem, remedy, code="pair.distance")
+            raise FileError(pair.where, problem, remedy, code="pair.invalid")
     return known
 
 

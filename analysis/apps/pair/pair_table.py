@@ -63,18 +63,21 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
     twofold = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
     if twofold:
         problem = f"socket {twofold[0]} is on the second arm in some rows and fixed in others"
-        raise FileError(where, problem, "give each fixed socket a different name", code="pair.socket_twice")
+        raise FileError(where, problem, "give each fixed socket a different name", code="pair.invalid")
     if mounted.sum() < FEWEST:
         problem = f"has {mounted.sum()} touches with both arms; at least {FEWEST} are needed"
         raise FileError(
-            where, problem, "touch in 40 or more postures of both arms (rig pair … --plan 40)", code="pair.few_touches"
+            where, problem, "touch in 40 or more postures of both arms (rig pair … --plan 40)", code="readings.too_few"
         )
     for joints, names, arm in ((table.q, joint_columns, first), (table.p[mounted], second_joint_columns, second)):
         if _is_still(joints):
             columns = names(joints.shape[1])
             problem = f"{columns[0]} … {columns[-1]} are the same in all rows: {arm} stood still"
             raise FileError(
-                where, problem, "move both arms between touches; for a fixed socket use rig diagnose", code="pair.still"
+                where,
+                problem,
+                "move both arms between touches; for a fixed socket use rig diagnose",
+                code="pair.invalid",
             )
 
 
@@ -94,24 +97,24 @@ def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_b
             raw.where,
             f"{problem} of {arm} ({axes} axes)",
             "add the joint angles in degrees",
-            code="table.column_missing",
+            code="table.invalid",
         )
     if len(present) > axes:
         problem = f"has {present[-1]}, but {arm} has {axes} axes"
         raise FileError(
-            raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …", code="table.axes"
+            raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …", code="table.unclear"
         )
     angles = np.stack([_column(raw, name, may_be_empty=may_be_empty) for name in needed], axis=1)
     numbers = angles[~np.isnan(angles)]
     if len(numbers) and np.abs(numbers).max() <= _FULL_TURN and not _is_still(angles):
         problem = f"has {needed[0]} … {needed[-1]} within ±6.3, which look like radians"
-        raise FileError(raw.where, problem, "multiply them by 57.29578", code="table.unit")
+        raise FileError(raw.where, problem, "multiply them by 57.29578", code="table.unclear")
     partly = np.isnan(angles).any(axis=1) & ~np.isnan(angles).all(axis=1)
     if partly.any():
         line = int(raw.lines[np.argmax(partly)])
         problem = f"line {line}: some of {needed[0]} … {needed[-1]} are empty"
         raise FileError(
-            raw.where, problem, "give all of them, or none if the socket is fixed in the cell", code="pair.partly_empty"
+            raw.where, problem, "give all of them, or none if the socket is fixed in the cell", code="pair.invalid"
         )
     return angles
 
@@ -126,7 +129,7 @@ def _column(raw: RawTable, name: str, *, may_be_empty: bool) -> Array:
             values[k] = np.inf
         if (not cell and not may_be_empty) or (cell and not abs(values[k]) <= _LARGEST_DEG):
             problem = f"line {raw.lines[k]}: {name} is {cell!r}, which is not a joint angle in degrees"
-            raise FileError(raw.where, problem, "correct the cell, or remove the row", code="table.value")
+            raise FileError(raw.where, problem, "correct the cell, or remove the row", code="table.invalid")
     return values
 
 

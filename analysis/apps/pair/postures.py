@@ -59,7 +59,7 @@ def common_postures(
         postures = "postures" if reached < count else "postures clear of the other arm and the floor"
         problem = f"ball and socket meet in only {count_clear} {postures}, with the bases {apart:.0f} mm apart"
         remedy = "give the base of the second arm with --base, or move the arms closer together"
-        raise FileError(where, problem, remedy, code="pair.out_of_reach")
+        raise FileError(where, problem, remedy, code="pair.invalid")
     return np.concatenate(qs)[:count], np.concatenate(ps)[:count]
 
 

@@ -106,7 +106,7 @@ def plan(
     """
     of_tests = tests or propose or minutes
     if targets and not next_reading:
-        raise UseError("--targets", "is allowed only with --next", "add --next", code="plan.option")
+        raise UseError("--targets", "is allowed only with --next", "add --next")
     if next_reading and (poses or of_tests):
         problem = "cannot be combined with --poses, --tests, --propose or --minutes"
         raise typer.BadParameter(problem, param_hint="--next")
@@ -124,7 +124,7 @@ def plan(
     else:
         for option, value in (("--output", output), ("--minutes", minutes)):
             if value is not None:
-                raise UseError(option, "is allowed only with --propose", "add --propose", code="plan.option")
+                raise UseError(option, "is allowed only with --propose", "add --propose")
         _plan_tests(rig_file, tests, runs, level, as_json=as_json)
 
 
@@ -192,7 +192,7 @@ def _plan_poses(
     from rigs.load import load, named_by
 
     if maker and not output:
-        raise UseError("--for", "needs an output directory", "add -o DIR", code="plan.option")
+        raise UseError("--for", "needs an output directory", "add -o DIR")
     rig, _ = load(rig_file)
     with named_by(rig_file, rig), progress_of("looking for poses"):
         planned = planned_poses(rig, count, sight, one_axis=one_axis)
@@ -259,7 +259,7 @@ def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
         problem, remedy = f"none of the targets is usable: the first {left[0].what}", "give targets within reach"
         if left[0].reason == "controller_unknown":
             remedy = "give joint angles, or repeat the calibration with --calibration FILE (data_sheet if it has none)"
-        raise FileError(str(path), problem, remedy, code="plan.targets")
+        raise FileError(str(path), problem, remedy, code="path.impossible")
     for target in left:
         say(f"{path}, line {read.lines[target.place]}: {target.what}; left out", err=True, mark="note: ")
     if postures.several:
@@ -281,12 +281,12 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
 
     if tracker is None:
         if faces:
-            raise UseError("--faces", "needs the position of the tracker", "add --tracker X,Y,Z", code="plan.option")
+            raise UseError("--faces", "needs the position of the tracker", "add --tracker X,Y,Z")
         return None
     place = np.array(numbers_in(tracker))
     if place.shape != (3,):
         remedy = "write X,Y,Z in mm, such as 2500,0,800"
-        raise UseError("--tracker", f"{tracker!r} is not a position", remedy, code="plan.tracker")
+        raise UseError("--tracker", f"{tracker!r} is not a position", remedy)
     axis = None
     if faces:
         axis = np.zeros(3)

@@ -86,7 +86,7 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
     if rms(np.linalg.norm(places[1] - places[0], axis=1)) > _OTHER_MODEL_MM:
         problem = f"the arm has a different build than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
         remedy = "compare arms of the same model, or add RUN… to compare both with runs"
-        raise FileError(second.name, problem, remedy, code="compare.other_model")
+        raise FileError(second.name, problem, remedy, code="runs.not_comparable")
     stands = [arm.forward(q_deg) for arm in arms]
     difference, u_mm = pose_error(stands[0].T, stands[1].T), np.hypot(stands[0].u_mm, stands[1].u_mm)
     doubts = [
@@ -113,7 +113,7 @@ def _postures(*arms: CalibratedArm) -> Array:
     robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
         problem = f"the arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"
-        raise FileError(arms[1].rig.name, problem, "compare arms of the same model", code="compare.other_model")
+        raise FileError(arms[1].rig.name, problem, "compare arms of the same model", code="runs.not_comparable")
     ranges = [[axis.limits_deg for axis in robot.axes] for robot in robots]
     ranges += [list(arm.rig.calibrated.joints_deg) for arm in arms if arm.rig.calibrated]
     low, high = np.array(ranges)[:, :, 0].max(axis=0), np.array(ranges)[:, :, 1].min(axis=0)
@@ -121,7 +121,7 @@ def _postures(*arms: CalibratedArm) -> Array:
         axis = int(np.flatnonzero(low > high)[0]) + 1
         problem = f"the two arms share no angle of axis {axis}, according to the limits and the calibration runs"
         remedy = "calibrate both over the same angles"
-        raise FileError(arms[1].rig.name, problem, remedy, code="compare.no_common_range")
+        raise FileError(arms[1].rig.name, problem, remedy, code="runs.not_comparable")
     return np.asarray(np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low))))
 
 

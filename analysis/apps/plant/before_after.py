@@ -114,7 +114,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
         where, remedy = " and ".join(robots), "compare runs of the same robot"
-        raise FileError(where, "are different robots", remedy, code="compare.other_robot")
+        raise FileError(where, "are different robots", remedy, code="robot.other")
     picked = []
     for title, group in programs_of([*then, *now]):
         old, new = ([record for record in side if record.key == group[0].key] for side in (then, now))
@@ -122,7 +122,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
             picked += [(title, name, old, new) for name in WATCHED if _all_have(name, group)]
     if not picked:
         problem = "the two sides share no combination of test, direction, placement and program"
-        raise FileError("--against", problem, "give runs of the same test on both sides", code="compare.nothing_common")
+        raise FileError("--against", problem, "give runs of the same test on both sides", code="runs.not_comparable")
     return [_difference(title, name, old, new, len(picked), histories) for title, name, old, new in picked]
 
 
@@ -139,7 +139,7 @@ def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord
         if record is None or record.fingerprint != fingerprint:
             record = record_of(directory, manifest, fingerprint)
         if record.problem:
-            raise FileError(str(run), record.problem, "remove it, or see rig verify", code="run.no_figures")
+            raise FileError(str(run), record.problem, "remove it, or see rig verify", code="readings.unsuitable")
         return record
 
 

@@ -65,10 +65,10 @@ def compare(
     has_arms = len(runs) >= _ARMS and all(map(_is_arm, runs[:_ARMS]))
     has_options = bool(rig_file or plot or unseen)
     if has_arms and (against or has_options):
-        raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options", code="compare.option")
+        raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options")
     if against and has_options:
         problem, remedy = "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
-        raise UseError("--against", problem, remedy, code="compare.option")
+        raise UseError("--against", problem, remedy)
     if has_arms:
         arms, runs = runs[:_ARMS], runs[_ARMS:]
         plain, blocks = _which_fits(arms, runs_below(with_tables(runs, str(arms[0])))) if runs else _apart(*arms)
@@ -155,7 +155,7 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
         return load(arm)[0]
     if not all(facts_of(run.table.test).of_places for run in runs):
         problem, remedy = "has no tool, but runs with gauges need a tool", "give the rig file of this arm"
-        raise FileError(str(arm), problem, remedy, code="compare.no_tool")
+        raise FileError(str(arm), problem, remedy, code="runs.not_comparable")
     if is_of_library:
         robot = load(arm)[0].robot
     else:

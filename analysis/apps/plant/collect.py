@@ -116,7 +116,7 @@ def _collect(directory: Path, robot: str, workers: Workers, progress: Progress) 
     if not is_known:
         names = sorted(others | {name for _, name in keys if name})
         remedy = f"choose from {', '.join(names)}" if names else "give the directory with the runs: --runs DIR"
-        raise FileError(str(directory), f"contains no run of a robot named {robot}", remedy, code="history.no_robot")
+        raise FileError(str(directory), f"contains no run of a robot named {robot}", remedy, code="run.missing")
     return replace(collected_of(robot, records, notes, rig_texts), checks=_checks_of(directory, records))
 
 
@@ -182,7 +182,7 @@ def runs_below(directory: Path) -> list[RunOnDisk]:
         raise FileError(str(directory), "no such directory", remedy, code="file.missing")
     if seen := list(_seen(directory)):
         return seen
-    raise FileError(str(directory), "contains no runs", remedy, code="run.none")
+    raise FileError(str(directory), "contains no runs", remedy, code="run.missing")
 
 
 def _seen(directory: Path) -> Iterator[RunOnDisk]:

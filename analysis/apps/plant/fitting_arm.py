@@ -78,7 +78,7 @@ def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[s
     for run in runs:
         if (count := len(run.rig.robot.axes)) != axes:
             problem = f"has an arm of {axes} axes, but {run.path} was measured on an arm of {count}"
-            raise FileError(file, problem, "give the arm that was measured", code="compare.axes")
+            raise FileError(file, problem, "give the arm that was measured", code="runs.not_comparable")
     of_arm = [replace(run, rig=run.rig.model_copy(update={"robot": rig.robot})) for run in runs]
     parts = [
         (run, part) for run, whole in zip(runs, observe_runs(rig, of_arm), strict=True) for part in by_socket(whole)

@@ -110,7 +110,7 @@ def write_figures(fleet: Fleet, path: Path) -> None:
             file.write_table(pa.Table.from_pylist(strays, schema))
         durable.rename(temporary, path)
     except OSError as error:
-        raise FileError.of_os(path, error, "choose a different --parquet", code="file.not_writable") from None
+        raise FileError.of_os(path, error, "choose a different --parquet", code="output.not_writable") from None
     finally:
         with suppress(OSError):
             temporary.unlink()

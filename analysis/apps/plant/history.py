@@ -97,10 +97,10 @@ def history_of(
     if not runs:
         problem = "no run has figures" if since is None else f"runs since {since} have no results"
         remedy = "list the runs with rig runs, or give an earlier --since"
-        raise FileError(collected.robot, problem, remedy, code="history.no_figures")
+        raise FileError(collected.robot, problem, remedy, code="run.missing")
     if figure is not None and figure not in names:
         problem, remedy = f"the runs have no quantity {figure!r}", f"choose from {', '.join(sorted(names))}"
-        raise UseError("--figure", problem, remedy, code="history.unknown_figure")
+        raise UseError("--figure", problem, remedy)
     tolerances = collected.limits if limits is None else limits
     picked = []
     for title, group in programs_of(runs):

@@ -92,7 +92,7 @@ def prepare(path: Path) -> tuple[str, ...]:
     Raises CellError if it cannot be written, and FileError for a file that is not of rig.
     """
     remedy = "choose a different file, or remove it"
-    foreign = FileError(str(path), "is not a file of rig with figures", remedy, code="figures.foreign")
+    foreign = FileError(str(path), "is not a file of rig with figures", remedy, code="file.invalid")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         header = read_from(path, 0, _HEADER)[0] if path.exists() else b""
@@ -145,15 +145,13 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _damaged(path: Path, error: Exception) -> FileError:
-    return FileError(
-        str(path), f"is damaged ({error})", "remove it: it is rebuilt from the runs", code="figures.damaged"
-    )
+    return FileError(str(path), f"is damaged ({error})", "remove it: it is rebuilt from the runs", code="file.invalid")
 
 
 def _unwritable(path: Path, error: Exception) -> CellError:
     problem = f"figures cannot be stored: {getattr(error, 'strerror', None) or error}"
     remedy = "choose a different file (--catalogue FILE), or give XDG_CACHE_HOME a writable directory"
-    return CellError(str(path), problem, remedy, code="figures.unwritable")
+    return CellError(str(path), problem, remedy, code="output.not_writable")
 
 
 def entries(path: Path) -> dict[str, Entry]:

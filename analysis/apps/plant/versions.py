@@ -56,7 +56,7 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
         problem = f"contains more than {_MOST} YAML files"
-        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER", code="versions.too_many")
+        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER", code="usage")
     versions = []
     for path in files:
         try:
@@ -101,12 +101,12 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> tuple[Path, li
     former, former_text = load(version)
     remedy = "name a version that rig versions lists"
     if rig_file.resolve() == version.resolve():
-        raise FileError(str(version), "is the rig file itself", remedy, code="versions.itself")
+        raise FileError(str(version), "is the rig file itself", remedy, code="usage")
     if former.calibration is None or former.calibrated is None:
-        raise FileError(str(version), "has no calibration", remedy, code="versions.no_calibration")
+        raise FileError(str(version), "has no calibration", remedy, code="calibration.missing")
     if _identity(former) != _identity(rig):
         problem = f"belongs to a different robot: {former.robot.name} {former.robot.serial}".rstrip()
-        raise FileError(str(version), problem, "name a version of this robot", code="versions.other_robot")
+        raise FileError(str(version), problem, "name a version of this robot", code="robot.other")
     content = former.calibrated.content
     digest = hashlib.sha256(content).hexdigest()
     named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)

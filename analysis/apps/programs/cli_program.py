@@ -86,7 +86,7 @@ def program(
     if test == "iso9283":
         if path or targets or outputs:
             problem = "applies only to tests with the ball link; correct planned poses with rig correct --path"
-            raise UseError("--path, --targets and --outputs", problem, "remove it", code="program.option")
+            raise UseError("--path, --targets and --outputs", problem, "remove it")
         _of_iso9283(rig, rig_file, maker, directory, dwell_s)
         return
     with named_by(rig_file, rig), progress_of("checking the programs"):

@@ -80,7 +80,7 @@ def compensated(
     counts = [len(targets_of(plan)) for plan in plans]
     if len(q) != sum(counts):
         problem = f"has {len(q)} rows, but this test has {sum(counts)} targets"
-        raise FileError(where, problem, _REMEDY, code="targets.other_test")
+        raise FileError(where, problem, _REMEDY, code="table.invalid")
     made, begin = [], 0
     for plan, count in zip(plans, counts, strict=True):
         rows = slice(begin, begin + count)
@@ -153,11 +153,11 @@ def _correction_mm(plan: MotionPlan, nominal: PlannedTarget, target: PlannedTarg
         differs = (
             f"{mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint difference of {joint_deg:.0f}°"
         )
-        raise FileError(where, f"is {differs}: too large for a correction", _REMEDY, code="targets.other_test")
+        raise FileError(where, f"is {differs}: too large for a correction", _REMEDY, code="table.invalid")
     for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
         at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
         problem = f"axis {axis + 1} would be at {at_deg:.3f}°, beyond the limits {low:g}° and {high:g}°"
-        raise FileError(where, problem, "move the test away from the limit", code="path.limits")
+        raise FileError(where, problem, "move the test away from the limit", code="path.impossible")
     return mm
 
 

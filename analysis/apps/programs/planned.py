@@ -138,7 +138,7 @@ def plans_of(
     directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions or (None,)):
         problem = f"the rig file has no rule for a signal of the {test} test"
-        raise UseError("--outputs", problem, "add a rule to automatic.rules, or omit --outputs", code="program.output")
+        raise UseError("--outputs", problem, "add a rule to automatic.rules, or omit --outputs", code="output.invalid")
     if directions:
         return [_circle(rig, test, direction, outputs, arc_deg) for direction in directions]
     return [_radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)]
@@ -277,7 +277,7 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
     if number < 0 or number >= 1 << len(outputs):
         problem = f"signal {number} does not fit into {len(outputs)} outputs"
         remedy = "give --outputs with the digital outputs read by the feedback, least significant first"
-        raise FileError(RigPlace.of(rig.name, "automatic"), problem, remedy, code="program.output")
+        raise FileError(RigPlace.of(rig.name, "automatic"), problem, remedy, code="output.invalid")
     return SignalPlace(outputs=outputs)
 
 

@@ -78,7 +78,7 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
         what = f"has {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
         remedy = f"keep one of both; measured poses calibrate an arm: rig calibrate {as_argument(path)} --arm ARM"
-        raise FileError(str(path), what, remedy, code="targets.mixed")
+        raise FileError(str(path), what, remedy, code="table.invalid")
     read = _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
     _check_units(read, str(path))
     return read
@@ -89,7 +89,7 @@ def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]
     read = read_path(path, len(rig.robot.axes), rail=rig.robot.rail is not None)
     if len(read.lines) > MOST_TARGETS:
         problem = f"has {len(read.lines)} targets, and at most {MOST_TARGETS} are compared"
-        raise FileError(str(path), problem, "split the table", code="targets.too_many")
+        raise FileError(str(path), problem, "split the table", code="file.too_large")
     if not read.joints:
         return read, read.poses(), None
     q = read.angles()
@@ -102,12 +102,12 @@ def _check_units(read: TargetPath, where: str) -> None:
         places = np.abs(read.values[:, : len(PLACE)]).max()
         if 0 < places < _LARGEST_IN_M:
             problem = f"has no coordinate above {places:.4g} mm: the positions look like metres"
-            raise FileError(where, problem, "multiply x_mm, y_mm and z_mm by 1000", code="targets.units")
+            raise FileError(where, problem, "multiply x_mm, y_mm and z_mm by 1000", code="table.unclear")
         return
     joints = np.abs(read.values[:, [name != RAIL for name in read.names]]).max()
     if 0 < joints <= 2 * np.pi:
         problem = f"has no joint angle above {joints:.3g}°: the angles look like radians"
-        raise FileError(where, problem, "multiply the joint angles by 57.29578", code="targets.units")
+        raise FileError(where, problem, "multiply the joint angles by 57.29578", code="table.unclear")
 
 
 def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
@@ -121,7 +121,7 @@ def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
         turned = turned_into(q, limits)[row, column] if read.names[column] != RAIL else np.inf
         same = f" ({np.degrees(turned):.6g} is the same posture)" if low <= np.degrees(turned) <= high else ""
         remedy = f"correct the angle{same}, or limits_deg in the rig file"
-        raise FileError(f"{where}, line {read.lines[row]}", problem, remedy, code="targets.limits")
+        raise FileError(f"{where}, line {read.lines[row]}", problem, remedy, code="path.impossible")
 
 
 def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
@@ -144,12 +144,12 @@ def compensated_plans(
     require_usable_model(rig, rig_file, anyway=anyway)
     if rig.controller == "unknown":
         problem = "the program has poses, and the constants with which the controller computes poses are unknown"
-        raise FileError(rig_file, problem, how_to_state_controller(rig), code="controller.unknown")
+        raise FileError(rig_file, problem, how_to_state_controller(rig), code="maker.unknown")
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:
         use = "use the nominal targets, or add --anyway; the programs then contain a warning"
-        raise FileError(str(path), f"was {ANYWAY}", use, code="targets.against_verdict")
+        raise FileError(str(path), f"was {ANYWAY}", use, code="correction.impossible")
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
     remarks = [Comment(f"{MARK}: do not correct twice")]
     remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
@@ -161,12 +161,12 @@ def _targets(
 ) -> TargetPath:
     missing = [name for name in required if name not in names]
     if missing:
-        raise FileError(str(path), f"has no column {', '.join(missing)}", remedy, code="targets.column")
+        raise FileError(str(path), f"has no column {', '.join(missing)}", remedy, code="table.invalid")
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise FileError(str(path), f"has two columns {twice}", "rename one of them", code="targets.column")
+        raise FileError(str(path), f"has two columns {twice}", "rename one of them", code="table.invalid")
     if not rows:
-        raise FileError(str(path), "has a header but no rows", "give the targets", code="targets.empty")
+        raise FileError(str(path), "has a header but no rows", "give the targets", code="table.invalid")
     problems = []
     values = np.zeros((len(rows), len(required)))
     for k, (line, row) in enumerate(rows):
@@ -189,7 +189,7 @@ def refuse_corrected_path(path: TargetPath, where: str) -> None:
     added = (*ADDED, AGAINST, "u_mm")  # u_mm: in tables of earlier versions
     if column := next((name for name in added if name in path.columns), ""):
         problem, remedy = f"already has a column {column}", "rename the column; or is the path already corrected?"
-        raise FileError(where, problem, remedy, code="targets.already_corrected")
+        raise FileError(where, problem, remedy, code="correction.repeated")
 
 
 def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: str = "") -> pa.Table:
@@ -230,16 +230,16 @@ def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
         text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         remedy = "save the file as CSV in UTF-8"
-        raise FileError(str(path), "is not UTF-8 text", remedy, code="targets.encoding") from None
+        raise FileError(str(path), "is not UTF-8 text", remedy, code="table.invalid") from None
     except OSError as error:
         problem, remedy = error.strerror or str(error), "check the path and the permissions"
-        raise FileError(str(path), problem, remedy, code="targets.unreadable") from None
+        raise FileError(str(path), problem, remedy, code="file.unreadable") from None
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         rows = [(reader.line_num, fields) for fields in reader if fields]
     except csv.Error as error:
         where, problem = f"{path}, line {reader.line_num}", f"cannot be split into fields: {error}"
-        raise FileError(where, problem, "check the quotes", code="targets.csv") from None
+        raise FileError(where, problem, "check the quotes", code="table.invalid") from None
     if not rows:
-        raise FileError(str(path), "is empty", "give a table with a header line", code="targets.empty")
+        raise FileError(str(path), "is empty", "give a table with a header line", code="table.invalid")
     return [name.strip() for name in rows[0][1]], rows[1:]

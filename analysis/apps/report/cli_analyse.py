@@ -55,7 +55,7 @@ def analyse(
     if as_lines:
         if as_json or plot or each or truth:
             problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
-            raise UseError("--lines", problem, "leave those options out", code="analyse.option")
+            raise UseError("--lines", problem, "leave those options out")
         end_with(worst_code(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
     drawn = plot is not None or truth is not None

@@ -137,7 +137,7 @@ def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
         has_both = has_two_arms(runs[0])
     if second and not has_both:
         problem = "is for one table of touches with the joints of a second arm, p1_deg …"
-        raise UseError("--second", problem, "leave it out", code="diagnose.second")
+        raise UseError("--second", problem, "leave it out")
     return has_both
 
 
@@ -150,7 +150,7 @@ def two_arms_diagnosed(
     if first is None or second is None or not is_alone:
         problem = "has p1_deg …, the joints of a second arm, which holds the socket"
         remedy = "give the rig files of both arms, and no further runs: --rig FIRST (ball) --second SECOND (socket)"
-        raise UseError(str(table), problem, remedy, code="diagnose.second")
+        raise UseError(str(table), problem, remedy)
     say(f"{table}: touches of two arms, according to the columns; the result is that of rig pair", err=True)
     pair = cast("Callable[..., None]", import_command("pair").callback)
     pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)
@@ -176,7 +176,7 @@ def load_uses(
     used = [path for path in every if path not in {*judges, *elsewhere}]
     if not used:
         problem = "exclude every run"
-        raise UseError("--hold-out and --unseen", problem, "give fewer runs to these options", code="diagnose.no_runs")
+        raise UseError("--hold-out and --unseen", problem, "give fewer runs to these options", code="run.missing")
     loaded = [load_runs(group, jobs=jobs, scheduler=scheduler) for group in (used, judges, elsewhere)]
     uses, errors = [runs for runs, _ in loaded], [error for _, bad in loaded for error in bad]
     if not uses[0]:

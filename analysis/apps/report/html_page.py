@@ -35,7 +35,7 @@ def check_page_file(file: Path) -> None:
     program.
     """
     if not is_page(file):
-        raise UseError(str(file), "is not the name of a page", "give --output FILE.html", code="output.form")
+        raise UseError(str(file), "is not the name of a page", "give --output FILE.html", code="output.invalid")
     refuse_foreign(file)
 
 

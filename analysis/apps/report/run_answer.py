@@ -55,12 +55,12 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
                 {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
             )
     except OSError as error:
-        raise FileError.of_os(path, error, _REMEDY, code="truth.unreadable") from None
+        raise FileError.of_os(path, error, _REMEDY, code="file.unreadable") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise FileError(str(path), "is not the truth of these runs", _REMEDY, code="truth.other_runs") from None
+        raise FileError(str(path), "is not the truth of these runs", _REMEDY, code="runs.not_comparable") from None
     if not any(comparisons):
         problem = f"does not cover the {results[0].test} test"
-        raise FileError(str(path), problem, "leave --truth out", code="truth.other_test")
+        raise FileError(str(path), problem, "leave --truth out", code="runs.not_comparable")
     return comparisons
 
 

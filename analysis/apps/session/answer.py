@@ -105,7 +105,7 @@ class Inference:
             outcome: tuple[Answer, Diagnosis] | RigError = self._outcome.recv()
         except (EOFError, OSError):  # killed before or while it returned the outcome
             problem, remedy = "exited unexpectedly", "close other programs, then repeat the command"
-            raise CellError("inference", problem, remedy, code="process.ended") from None
+            raise CellError("inference", problem, remedy, code="process.failed") from None
         if isinstance(outcome, RigError):
             raise outcome
         return outcome

@@ -78,7 +78,7 @@ def wait_until(done: Callable[[], Any], limit_s: float, error: Callable[[], Cell
 
 
 def _not_ready(name: str, log: Path) -> CellError:
-    return CellError(name, f"was not ready after {_READY_S:.0f} s", f"see {log}", code="process.not_ready")
+    return CellError(name, f"was not ready after {_READY_S:.0f} s", f"see {log}", code="process.failed")
 
 
 def _socket_of(rig_name: str) -> Path | None:
@@ -203,7 +203,7 @@ class RealCell:
         log = self.directory / "rigd.log"
         problem = f"a rigd serves {self.session.rig} already, but a session starts a separate one"
         remedy = "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
-        second = CellError("rigd", problem, remedy, code="rigd.already_running")
+        second = CellError("rigd", problem, remedy, code="daemon.busy")
         wait_until(lambda: not _socket_of(self.session.rig), _LEAVES_S, lambda: second)
         self._rigd = Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", self.directory / "runs"], log)
         wait_until(self._connect, _READY_S, lambda: _not_ready("rigd", log))
@@ -256,13 +256,13 @@ class RealCell:
 
     def _silence(self, problem: str) -> CellError:
         remedy = "run rig doctor, then repeat the command"
-        return CellError(", ".join(self.silent()), problem, remedy, code="stream.silent")
+        return CellError(", ".join(self.silent()), problem, remedy, code="robot.silent")
 
     def _not_started(self, step: ProgramStep) -> CellError:
         if self.silent():
             return self._silence("does not send readings")
         where = "waits at the start and was not started" if self._recording else "was not started"
-        return CellError(step.program, where, "start it, then repeat the command", code="program.not_started")
+        return CellError(step.program, where, "start it, then repeat the command", code="robot.refused")
 
     def _handle(self, watch: ProgramWatch, seen: str, step: ProgramStep) -> str | None:
         """React to an observation: why the run of an ended program is unusable (empty if usable), or None before its
@@ -438,7 +438,7 @@ class ServedCell(RealCell):
             match event.event:
                 case "refused" if event.name != "stop":  # a stop typed just after the end of a program is refused
                     what, log = event.text.removeprefix("error: "), self.directory / "emulated.log"
-                    raise CellError("the emulated cell", what, f"see {log}", code="emulated.refused")
+                    raise CellError("the emulated cell", what, f"see {log}", code="robot.refused")
                 case "waits":
                     self._waits = True
                 case "drives":

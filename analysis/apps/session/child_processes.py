@@ -49,7 +49,7 @@ class Child:
             log.parent.mkdir(parents=True, exist_ok=True)
             opened = log.open("ab")
         except OSError as error:
-            raise FileError.of_os(log, error, "choose a different --output", code="process.log") from None
+            raise FileError.of_os(log, error, "choose a different --output", code="process.failed") from None
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-c", entry, *map(str, arguments)],
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,
@@ -91,7 +91,7 @@ class Child:
                 (line for line in reversed(self.log.read_text("utf-8", "replace").splitlines()) if line), ""
             )
         problem = f"exited unexpectedly: {last_line.removeprefix('error: ')}" if last_line else "exited unexpectedly"
-        return CellError(self.name, problem, f"see {self.log}; then repeat the command", code="process.ended")
+        return CellError(self.name, problem, f"see {self.log}; then repeat the command", code="process.failed")
 
     @property
     def runs(self) -> bool:

@@ -95,11 +95,11 @@ def session(
         return
     if not emulated and (effects or fast):
         option = "--effects" if effects else "--fast"
-        raise UseError(option, "is allowed only with --emulated", "add --emulated", code="session.option_unused")
+        raise UseError(option, "is allowed only with --emulated", "add --emulated")
     controller = maker or rig.maker
     if controller is None:
         problem = "is required, because neither feedback nor robot names the maker"
-        raise UseError("--for", problem, "give --for", code="session.maker")
+        raise UseError("--for", problem, "give --for", code="maker.unknown")
     from analysis.apps.session.run_session import run_session
     from analysis.apps.session.session_answer import end_blocks
     from analysis.apps.session.session_plan import SessionOptions
@@ -130,7 +130,7 @@ def _status(place: SessionDirectory, rig_file: Path | str, rig_text: str) -> tup
     kept = place.read()
     if kept is None:
         remedy = f"start a session: {place.command(rig_file)}"
-        raise FileError(str(place.file), "this directory has no session", remedy, code="session.none")
+        raise FileError(str(place.file), "this directory has no session", remedy, code="session.missing")
     place.require_intact(kept, rig_text)
     return kept, status_blocks(kept, next_of(kept), place.directory)
 

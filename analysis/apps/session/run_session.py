@@ -92,11 +92,11 @@ def run_session(
         if (session.emulated is None) != (asked.emulated is None):
             problem = f"this session uses {'a real' if session.emulated is None else 'an emulated'} cell"
             remedy = "continue with the original options, or choose a different -o"
-            raise UseError("--emulated", problem, remedy, code="session.other_cell")
+            raise UseError("--emulated", problem, remedy, code="session.invalid")
         if asked.entered:
             if session.correction is None or session.correction.way != "entries":
                 problem = "this session does not have values to enter"
-                raise UseError("--entered", problem, "remove it", code="session.no_entries")
+                raise UseError("--entered", problem, "remove it", code="controller.invalid")
             session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
             which = f"from {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
@@ -368,7 +368,7 @@ class Conductor:
         if not self.cell.enter(file):
             problem = "the operator has not confirmed that the values are entered"
             remedy = f"enter the values, then run: {self.place.command(session.rig_file, session)} --entered"
-            raise CellError(str(file), problem, remedy, code="session.not_entered")
+            raise CellError(str(file), problem, remedy, code="controller.invalid")
         self._keep(correction=_of(session.correction).model_copy(update={"entered": True}))
 
     def _report(self) -> None:
@@ -397,10 +397,10 @@ def _failed(step: ProgramStep, *, is_emulated: bool) -> CellError:
         vain = f"after {MOST_TRIES} failed attempts at {step.program}, last error: {last}"
         problem = f"was delayed, so that readings are missing ({vain})"
         remedy = "close other programs, or use a faster computer; then repeat the command here"
-        return CellError("this computer", problem, remedy, code="computer.delayed")
+        return CellError("this computer", problem, remedy, code="computer.unsuitable")
     problem = f"failed {MOST_TRIES} times, last error: {last}"
     return CellError(
-        step.program, problem, "check the cell (rig doctor); then repeat the command here", code="program.failed"
+        step.program, problem, "check the cell (rig doctor); then repeat the command here", code="robot.refused"
     )
 
 

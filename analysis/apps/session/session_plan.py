@@ -124,7 +124,7 @@ def planned(
     if not rig.gauges.recorded:
         problem = "does not have gauges, but a session needs two gauges to read circles"
         remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then run rig diagnose"
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="session.no_gauges")
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="rig_file.invalid")
     require_test(rig, MAIN)
     minutes -= pace.thinking_min
     main = Stage(name=MAIN, words=_set_up(MAIN, None))
@@ -133,7 +133,7 @@ def planned(
     if best is None:
         need = minutes_of(backbones[-1][1], pace) + pace.thinking_min
         problem = f"the shortest session of this cell takes {need:.1f} minutes"
-        raise UseError("--minutes", problem, "give more time", code="session.minutes")
+        raise UseError("--minutes", problem, "give more time")
     stages, steps = best
     spare_min = minutes - minutes_of(steps, pace)
     if aim != "check" and spare_min > pace.set_up_min + 1:

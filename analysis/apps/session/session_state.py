@@ -341,7 +341,7 @@ class SessionDirectory:
             self._lock = durable.try_lock(self.directory)
         except OSError as error:
             remedy = "choose a different --output"
-            raise FileError.of_os(self.directory, error, remedy, code="session.directory") from None
+            raise FileError.of_os(self.directory, error, remedy, code="session.invalid") from None
         if self._lock is None:
             problem = "a different rig session uses this directory"
             remedy = "end that session, or show it with --status"
@@ -397,11 +397,11 @@ class SessionDirectory:
         if session.rig_sha256 != digest_of(rig_text):
             problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
             remedy = "restore that file, or start a new session with a different --output"
-            raise FileError(str(self.file), problem, remedy, code="session.other_rig_file")
+            raise FileError(str(self.file), problem, remedy, code="session.invalid")
         if missing := [run.name for run in self.runs_of(session.steps) if not run.is_dir()]:
             problem = f"names runs that are missing in {self.runs}: {', '.join(missing)}"
             remedy = "restore these directories, or start a new session with a different --output"
-            raise FileError(str(self.file), problem, remedy, code="session.run_missing")
+            raise FileError(str(self.file), problem, remedy, code="run.missing")
 
     def write(self, session: Session) -> None:
         """The old file is kept if the disk refuses (CellError)."""
@@ -410,7 +410,7 @@ class SessionDirectory:
         except OSError as error:
             problem = f"cannot be written: {error.strerror or error}"
             remedy = "free some space, then repeat the command"
-            raise CellError(str(self.file), problem, remedy, code="disk.write") from None
+            raise CellError(str(self.file), problem, remedy, code="output.not_writable") from None
 
 
 def text_of(session: Session) -> str:

@@ -60,7 +60,7 @@ class MachineInThisProcess:
 
     def ended(self) -> CellError:
         problem, remedy = "exited unexpectedly", "repeat the command to continue"
-        return CellError("rig emulate", problem, remedy, code="process.ended")
+        return CellError("rig emulate", problem, remedy, code="process.failed")
 
     def stop(self) -> None:
         self.keyboard = None
@@ -94,7 +94,9 @@ class CellInSimulatedTime(ServedCell):
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         if self._daemon is None:
-            raise CellError("rigd", "exited unexpectedly", "see the log, then repeat the command", code="process.ended")
+            raise CellError(
+                "rigd", "exited unexpectedly", "see the log, then repeat the command", code="process.failed"
+            )
         answer: dict[str, Any] = self._daemon.answer({"command": command, **fields})
         return answer
 

@@ -42,7 +42,7 @@ from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.control_posts import WindowControls, touchable
 from analysis.apps.window.guard import COOKIE, Gate, is_equal
 from analysis.apps.window.made import OutputStore
-from analysis.apps.window.shelf import MOST_SHOWN, UNKNOWN_RUN, Shelf, ShelfRun, metrics_of
+from analysis.apps.window.shelf import MOST_SHOWN, Shelf, ShelfRun, metrics_of
 from analysis.apps.window.watcher import Watcher
 from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.loading import load_measured
@@ -333,7 +333,7 @@ class _Pages:
         return self._page(request, "message.html", error.status_code, message=texts.get(key, error.detail))
 
     async def failed(self, request: Request, error: RigError) -> Response:
-        status = 404 if error.code == UNKNOWN_RUN else 409
+        status = 404 if error.code == "run.missing" else 409
         return self._page(request, "message.html", status, message=str(error))
 
     def _page(self, request: Request, template: str, status: int = 200, **values: Any) -> Response:

@@ -76,8 +76,6 @@ def window(
         if error.name not in ("starlette", "uvicorn"):
             raise
         problem = f"needs the Python package {error.name}, which is not installed"
-        raise CellError(
-            "rig window", problem, to_install("starlette", "uvicorn"), code="window.not_installed"
-        ) from None
+        raise CellError("rig window", problem, to_install("starlette", "uvicorn"), code="package.missing") from None
     asked = WindowOptions(rig_file, port, listen, token, tuple(name or ()), control, runs, session)
     run_window(asked, say)

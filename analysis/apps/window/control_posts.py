@@ -83,11 +83,11 @@ class WindowControls:
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
         if self._place is None or self._log is None:
             remedy = "start rig window CELL --control"
-            raise CellError("rig window", "was started without a cell", remedy, code="window.no_cell")
+            raise CellError("rig window", "was started without a cell", remedy, code="rig_file.invalid")
         with self._lock:
             if self._session is not None and self._session.runs:
                 problem, remedy = "this session is already running", "see the messages of the session"
-                raise CellError(str(self._place.directory), problem, remedy, code="session.running")
+                raise CellError(str(self._place.directory), problem, remedy, code="session.in_use")
             kept = self._place.read()
             words = ["session", self._rig_file, "-o", str(self._place.directory)]
             chosen = kept.maker if kept else maker
@@ -131,7 +131,7 @@ class WindowCheck:
                 return None
             elif self.check is None:
                 remedy = "choose a reference first"
-                raise UseError("movement check", "has not started", remedy, code="moved.not_started")
+                raise UseError("movement check", "has not started", remedy, code="session.missing")
             elif action == "touch":
                 check = self.check.with_touch(self._joints(form.get("joints", ""), len(self.check.rig.robot.axes)))
                 check.result  # noqa: B018 - computed here, not when the page is shown
@@ -149,7 +149,7 @@ class WindowCheck:
         chosen = next((reference for reference in touchable(self._runs) if reference.runs[0].name == name), None)
         if chosen is None:
             problem = f"{name!r} is not a known reference"
-            raise UseError("reference", problem, "choose one of the list", code="moved.reference")
+            raise UseError("reference", problem, "choose one of the list", code="run.missing")
         return GuidedCheck.of_runs([load_measured(chosen.runs[0])])
 
     def _joints(self, typed: str, axes: int) -> Array:
@@ -164,7 +164,7 @@ class WindowCheck:
         if q.shape != (axes,) or not np.isfinite(q).all() or np.abs(q).max() > _MOST_DEG:
             problem = f"{typed[:80]!r} are not {axes} angles in degrees"
             remedy = "separate them by spaces, as 10.5 -90 120 0 45 0"
-            raise UseError("joint angles", problem, remedy, code="moved.angles")
+            raise UseError("joint angles", problem, remedy, code="request.invalid")
         return np.asarray(np.radians(q))
 
     def _resting_joints(self, axes: int) -> Array:
@@ -173,12 +173,12 @@ class WindowCheck:
         rows = robot["rows"] if robot else []
         if not rows:
             remedy = "type the angles that the controller shows"
-            raise CellError("robot", "reports no joint angles", remedy, code="robot.no_joints")
+            raise CellError("robot", "reports no joint angles", remedy, code="arm.invalid")
         places = [1 + robot["columns"].index(name) for name in joint_columns(axes)]
         newest_ns = rows[-1][0]
         recent = [[row[place] for place in places] for row in rows if newest_ns - row[0] <= 1e9 * _REST_S]
         if any(angle is None for angles in recent for angle in angles):
-            raise FileError("robot", "did not report all joint angles", "repeat the touch", code="robot.no_joints")
+            raise FileError("robot", "did not report all joint angles", "repeat the touch", code="arm.invalid")
         q_deg = np.array(recent, dtype=float)
         if np.ptp(q_deg, axis=0).max() > FLICKER_DEG:
             raise CellError("robot", "is moving", "let it come to rest, then take the touch", code="robot.moving")

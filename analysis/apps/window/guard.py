@@ -36,11 +36,11 @@ def token_of(file: Path) -> str:
     try:
         token = read_text(file, _MOST_TOKEN).strip()
     except OSError as error:
-        raise FileError.of_os(file, error, "give a file with the token", code="window.token") from None
+        raise FileError.of_os(file, error, "give a file with the token", code="request.invalid") from None
     if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         problem = f"contains no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
         remedy = "create a token: openssl rand -hex 24 > FILE, and chmod 600 FILE"
-        raise FileError(str(file), problem, remedy, code="window.token")
+        raise FileError(str(file), problem, remedy, code="request.invalid")
     return token
 
 
@@ -49,7 +49,7 @@ def is_loopback(address: str) -> bool:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
         remedy = "give an address of this computer, such as 192.168.1.5, or 0.0.0.0 for all addresses"
-        raise UseError("--listen", f"{address!r} is not an IP address", remedy, code="window.address") from None
+        raise UseError("--listen", f"{address!r} is not an IP address", remedy, code="address.invalid") from None
 
 
 @dataclass(frozen=True)

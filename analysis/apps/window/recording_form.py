@@ -25,11 +25,11 @@ class RecordingLabel:
         """Parse a typed label, except the name, which the daemon checks."""
         name, test, direction, *more = [*text.split(), "", "", ""]
         if not test or test not in _TESTS:
-            raise UseError("label", f"{text!r} is not NAME TEST [acw or cw]", _REMEDY, code="live.label")
+            raise UseError("label", f"{text!r} is not NAME TEST [acw or cw]", _REMEDY)
         way: Direction | None = next((way for way in get_args(Direction) if way == direction), None)
         if any(more) or (test in CIRCLES) != (way is not None) or bool(direction) != (way is not None):
             rule = "needs a direction, acw or cw" if test in CIRCLES else "does not have a direction"
-            raise UseError("label", f"a {test} test {rule}", _REMEDY, code="live.label")
+            raise UseError("label", f"a {test} test {rule}", _REMEDY)
         return cls(name, test, way)
 
     def fields(self) -> dict[str, str | None]:

@@ -34,7 +34,7 @@ def listening(address: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         problem = f"cannot be used for listening: {getattr(error, 'strerror', None) or error}"
         remedy = "choose a different --port, or end the program that has it"
-        raise CellError(f"{address}:{port}", problem, remedy, code="window.port") from None
+        raise CellError(f"{address}:{port}", problem, remedy, code="address.invalid") from None
 
 
 class WindowServer(uvicorn.Server):
@@ -69,13 +69,13 @@ def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
     if not is_loopback(listen) and asked.token is None:
         problem = f"{listen} is accessible from other computers"
         remedy = "add --token FILE, or use an authenticating proxy in front of 127.0.0.1"
-        raise UseError("--listen", problem, remedy, code="window.open")
+        raise UseError("--listen", problem, remedy, code="request.invalid")
     if wild := next((name for name in asked.names if "*" in name), ""):
-        raise UseError("--name", f"{wild!r} is not a host name", "give the name in the address", code="window.address")
+        raise UseError("--name", f"{wild!r} is not a host name", "give the name in the address", code="address.invalid")
     host = f"[{listen}]" if ":" in listen else listen
     gate = Gate((host, *asked.names), token_of(asked.token) if asked.token else None)
     if asked.session and rig_file is None:
-        raise UseError("--session", "needs the rig file of the cell", "give CELL", code="window.no_cell")
+        raise UseError("--session", "needs the rig file of the cell", "give CELL", code="rig_file.invalid")
     rig = load(rig_file)[0] if rig_file is not None else None
     place = SessionDirectory(asked.session or Path(f"session-{rig.name}")) if rig else None
     shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))

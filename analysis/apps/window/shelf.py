@@ -22,7 +22,6 @@ from rigs.errors import FileError, RigError
 from rigs.load import parse
 from rigs.schema.limits import Limit, Limits, Standing
 
-UNKNOWN_RUN = "window.unknown_run"
 MOST_SHOWN = 300
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
@@ -94,7 +93,7 @@ class Shelf:
                 return _shelf_run(look(path), read_records(self.directory / FILE).get(name))
         except (OSError, ValueError):
             pass
-        raise FileError(name, "is not a run in this directory", "choose a run from the list", code=UNKNOWN_RUN)
+        raise FileError(name, "is not a run in this directory", "choose a run from the list", code="run.missing")
 
     def robots(self) -> list[str]:
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})

@@ -79,7 +79,7 @@ def gather(
     terms = sum({run.setup: run.facts.setup_terms for run in runs}.values())
     if (count := sum(run.values.size for run in runs)) < terms:
         why = f"{count} readings are fewer than the {terms} terms of the set-up"
-        raise FileError("RUN…", why, "give more runs", code="run.few_readings")
+        raise FileError("RUN…", why, "give more runs", code="readings.too_few")
     withheld = {name: tuple(sorted(numbers)) for name, numbers in rows.items()}
     names = tuple([run.run.manifest.name for run in use] for use in (used, held_out or used, unseen))
     return Evidence(rig, used, names, runs, judges, elsewhere, tolerance_um, tuple(doubts), withheld)
@@ -113,7 +113,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
             shown = dict.fromkeys(finding.runs, finding) | shown
     wrong = {k: shown[name] for k, name in enumerate(names) if name in shown}
     if uses[0] and all(k in wrong for k in range(len(uses[0]))):
-        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy, code="run.convention")
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy, code="readings.unsuitable")
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
     seen, far = _without_far(seen, names, set(kept))
@@ -139,7 +139,7 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
     without = [run for use in uses for run in use if not shows_joints(run.table.test)]
     if without and not kept[0]:
         why = labels_of(without[0].table.test).unsupported_reason
-        raise FileError(str(without[0].path), why, "give poses, touches or circles as well", code="test.no_joints")
+        raise FileError(str(without[0].path), why, "give poses, touches or circles as well", code="readings.unsuitable")
     return kept, [
         f"{run.run.manifest.name} is left out: it {labels_of(run.table.test).unsupported_reason}" for run in without
     ]
@@ -186,7 +186,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
                 str(run.path),
                 f"belongs to a different robot than {rig.name} ({differing})",
                 remedy,
-                code="run.other_robot",
+                code="robot.other",
             )
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if is_given:

@@ -23,28 +23,24 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
     for word in filter(None, map(str.strip, words.split(","))):
         name, _, place = word.partition(":")
         if name not in VOCABULARY:
-            raise UseError(
-                f"--fit {word}", "is not a known effect", f"write one of {', '.join(VOCABULARY)}", code="fit.effect"
-            )
+            raise UseError(f"--fit {word}", "is not a known effect", f"write one of {', '.join(VOCABULARY)}")
         written = VOCABULARY[name].PLACE
         match = re.fullmatch(written.pattern, place, re.ASCII)
         if not match:
             example = f"{name}:{written.example}" if written.example else name
-            raise UseError(f"--fit {word}", f"{place!r} is not a place of {name}", f"write {example}", code="fit.place")
+            raise UseError(f"--fit {word}", f"{place!r} is not a place of {name}", f"write {example}")
         every = {**written.every, "axis": [str(axis) for axis in range(1, axes + 1)]}
         keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
         if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
-            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of these axes", code="fit.place")
+            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of these axes")
         for values in product(*keys.values()):
             try:
                 effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))
             except ValueError:
-                raise UseError(
-                    f"--fit {word}", f"is outside the range of {name}", "see docs/simulation.md", code="fit.value"
-                ) from None
+                raise UseError(f"--fit {word}", f"is outside the range of {name}", "see docs/simulation.md") from None
             effects += phases(scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0))
     if not effects:
-        raise UseError("--fit", "does not name an effect", f"write some of {', '.join(VOCABULARY)}", code="fit.effect")
+        raise UseError("--fit", "does not name an effect", f"write some of {', '.join(VOCABULARY)}")
     return list(dict.fromkeys(effects))
 
 

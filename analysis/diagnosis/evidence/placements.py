@@ -59,7 +59,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
                 str(run.path),
                 problem,
                 "give runs of a single robot, or the original rig file with --rig",
-                code="run.other_robot",
+                code="robot.other",
             )
     return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
 
@@ -162,7 +162,7 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
             f"set-up {setup}",
             why,
             "measure in more postures",
-            code="run.few_readings",
+            code="readings.too_few",
         )
     return kept, [f"{setup} is ignored, because it {why}" for setup, why in reasons.items()]
 

@@ -206,7 +206,7 @@ def refuse_impossible(run: Measured, where: str) -> None:
         wrong = [finding for finding in findings if finding.strength == "impossible"]
         if wrong:
             problems, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
-            raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)), code="run.impossible")
+            raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)), code="run.damaged")
 
 
 def _found(about: str, run: Measured) -> tuple[Finding, ...]:

@@ -103,7 +103,9 @@ def shows_joints(test: TestName) -> bool:
 
 
 def no_joints_error(test: TestName, where: str) -> FileError:
-    return FileError(where, labels_of(test).unsupported_reason, "give poses, touches or circles", code="test.no_joints")
+    return FileError(
+        where, labels_of(test).unsupported_reason, "give poses, touches or circles", code="readings.unsuitable"
+    )
 
 
 T = TypeVar("T", bound=Table)
@@ -221,7 +223,9 @@ class TestKind(TableFormat[T]):
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
         """A run as it would be measured. Raises FileError if the robot cannot do the test."""
-        raise FileError(f"{self.test} test", "is not simulated", "simulate a different test", code="test.not_simulated")
+        raise FileError(
+            f"{self.test} test", "is not simulated", "simulate a different test", code="readings.unsuitable"
+        )
 
     def setup(self, rig: Rig) -> SetUp:
         raise no_joints_error(self.test, f"a {self.test} table")
@@ -317,10 +321,10 @@ def read(model: Model, table: Table, path: Path, scene: ModelScene, setup: SetUp
 def check_joints(where: str, q: Array, remedy: str) -> None:
     """Raise FileError if the joints never moved, or have a different unit."""
     if np.ptp(q, axis=0).max() < 1e-6:
-        raise FileError(where, "the robot stood still in all rows", remedy, code="table.still")
+        raise FileError(where, "the robot stood still in all rows", remedy, code="readings.unsuitable")
     if most := impossible_rad(q):
         problem = f"a joint at {np.degrees(most):.0f}° is impossible"
-        raise FileError(where, problem, "check the unit of q: files hold degrees", code="table.unit")
+        raise FileError(where, problem, "check the unit of q: files hold degrees", code="table.unclear")
 
 
 def check_numbers(where: str, **columns: Array) -> None:
@@ -331,10 +335,10 @@ def check_numbers(where: str, **columns: Array) -> None:
         if bad.all():
             problem = f"{name} contains no valid number in any of the {len(bad)} rows"
             remedy = "check that the instrument measures and sends, and repeat the measurement"
-            raise FileError(where, problem, remedy, code="table.number")
+            raise FileError(where, problem, remedy, code="table.invalid")
         row = int(np.argmax(bad)) + 1
         problem = f"{name} of row {row} is not a number ({bad.sum()} such rows)"
-        raise FileError(where, problem, "remove such rows", code="table.number")
+        raise FileError(where, problem, "remove such rows", code="table.invalid")
 
 
 def require_live_gauges(where: str, **readings: Array) -> None:
@@ -343,13 +347,13 @@ def require_live_gauges(where: str, **readings: Array) -> None:
         if len(values) > 1 and np.ptp(values) == 0:
             remedy = "check that the gauge touches and sends (a simulation needs noise), and repeat the measurement"
             problem = f"{name} reads {values[0]:g} mm in all {len(values)} rows"
-            raise FileError(where, problem, remedy, code="gauge.constant")
+            raise FileError(where, problem, remedy, code="readings.unsuitable")
 
 
 def check_radius(where: str, radius_mm: float) -> None:
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         problem = f"a radius of {radius_mm:g} mm is impossible"
-        raise FileError(where, problem, "correct radius_mm in the rig file", code="rig_file.radius")
+        raise FileError(where, problem, "correct radius_mm in the rig file", code="rig_file.invalid")
 
 
 Strength = Literal["impossible", "decisive", "likely"]

@@ -114,11 +114,11 @@ def refuse_other_constants(rig: Rig, read: ControllerConstants, where: str) -> N
     remedy = "give the file of this robot, or diagnose again with this one"
     if read.arm != "constants":
         problem = f"contradicts the constants of the controller with which the arm was diagnosed{name}"
-        raise FileError(where, problem, remedy, code="controller.other_arm")
+        raise FileError(where, problem, remedy, code="robot.other")
     apart_mm = _apart_mm(rig.robot, held, read.axes)
     if apart_mm > (_ENTERED_MM if read.linear_units else _SAME_MM):
         problem = f"holds other constants than those of the diagnosis{name}: they move the flange by {apart_mm:.2f} mm"
-        raise FileError(where, problem, remedy, code="controller.other_arm")
+        raise FileError(where, problem, remedy, code="robot.other")
 
 
 def data_sheet_of(robot: Robot) -> Robot:
@@ -133,7 +133,7 @@ def data_sheet_of(robot: Robot) -> Robot:
     if not robot.arm:
         problem = "has the constants of a controller, and no `arm` that names the data sheet"
         raise FileError(
-            f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)", code="controller.unknown_arm"
+            f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)", code="robot.other"
         )
     return bare.model_copy(update={"axes": load_arm(robot.arm).robot.axes})
 
@@ -155,7 +155,7 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
             where,
             problem,
             f"give {_PROVES} poses or more, or the constants of the controller",
-            code="controller.few_poses",
+            code="readings.too_few",
         )
     if apart_mm <= rounding_mm:
         words = f"{where}: the controller computes with the data sheet, to {apart_mm:.3f} mm in {len(q)} poses"
@@ -166,14 +166,14 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
             f"the controller does not compute with the data sheet: {len(q)} poses differ by up to {apart_mm:.2f} mm"
         )
         remedy = "to determine its constants give calibration.conf, or 20 poses in which all joints move; tool: none"
-        raise FileError(where, problem, remedy, code="controller.poses")
+        raise FileError(where, problem, remedy, code="controller.invalid")
     if fitted.rms_mm > _RESIDUAL_MM:
         problem = f"no link constants of {robot.name} match the flange poses: {fitted.rms_mm:.3g} mm rms remain"
         raise FileError(
             where,
             problem,
             "set the tool of the controller to none, and give flange poses and joints",
-            code="controller.poses",
+            code="controller.invalid",
         )
     if undetermined_mm(fitted, random_postures(robot)) > _UNDETERMINED_MM:
         problem = f"the controller has constants of its own ({apart_mm:.2f} mm apart), undetermined by these postures"
@@ -181,7 +181,7 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
             where,
             problem,
             "give calibration.conf, or 20 poses in which all joints move; tool: none",
-            code="controller.poses",
+            code="controller.invalid",
         )
     axes = tuple(_with_constants(axis, fitted.arm, k) for k, axis in enumerate(robot.axes))
     own = robot.model_copy(update={"axes": axes})

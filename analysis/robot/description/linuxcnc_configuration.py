@@ -38,7 +38,7 @@ def configured_robot(path: Path) -> Robot:
             str(path),
             problem,
             "give the constants in a file with a section robot (rig arms shows one)",
-            code="linuxcnc.kinematics",
+            code="controller.invalid",
         )
     trajectory = ini.get("TRAJ", {})
     if trajectory.get("ANGULAR_UNITS", ["deg"])[0].lower() not in _DEGREES:
@@ -46,11 +46,11 @@ def configured_robot(path: Path) -> Robot:
             str(path),
             "ANGULAR_UNITS is not deg, but genserkins computes in degrees",
             "correct [TRAJ]",
-            code="linuxcnc.unit",
+            code="controller.invalid",
         )
     unit = _UNITS.get(trajectory.get("LINEAR_UNITS", [""])[0].lower())
     if unit is None:
-        raise FileError(str(path), "LINEAR_UNITS of [TRAJ] is neither mm nor inch", "add it", code="linuxcnc.unit")
+        raise FileError(str(path), "LINEAR_UNITS of [TRAJ] is neither mm nor inch", "add it", code="controller.invalid")
     pins = _pins(path, ini.get("HAL", {}))
     axes = tuple(
         _axis(str(path), joint, ini.get(f"JOINT_{joint}", {}), link_of(pins, unit, joint))
@@ -108,20 +108,22 @@ def _pins(path: Path, hal: Mapping[str, list[str]]) -> GenserkinsPins:
     text = "\n".join([*texts, *hal.get("HALCMD", [])])
     if _UNROTATE.search(text):
         problem = "the HAL files set genserkins.unrotate, a coupling that rig does not read"
-        raise FileError(str(path), problem, "write the coupling into the rig file by hand", code="linuxcnc.coupling")
+        raise FileError(str(path), problem, "write the coupling into the rig file by hand", code="controller.invalid")
     read: dict[tuple[str, int], float] = {}
     for pin, joint, value in _PIN.findall(text):
         try:
             read[pin, int(joint)] = float(value)
         except ValueError:
             raise FileError(
-                str(path), f"genserkins.{pin}-{joint} is {value}", "write it as a number", code="linuxcnc.pin"
+                str(path), f"genserkins.{pin}-{joint} is {value}", "write it as a number", code="controller.invalid"
             ) from None
     missing = [f"{pin}-{joint}" for joint in range(DRIVEN_AXES) for pin in PINS if (pin, joint) not in read]
     if missing:
         problem = f"no HAL file sets genserkins.{missing[0]}, and {len(missing) - 1} other pins" if missing[1:] else ""
         problem = problem or f"no HAL file sets genserkins.{missing[0]}"
-        raise FileError(str(path), problem, "set every pin: the defaults are those of a Puma", code="linuxcnc.pin")
+        raise FileError(
+            str(path), problem, "set every pin: the defaults are those of a Puma", code="controller.invalid"
+        )
     return GenserkinsPins.model_validate({pin: [read[pin, joint] for joint in range(DRIVEN_AXES)] for pin in PINS})
 
 
@@ -130,5 +132,5 @@ def _axis(where: str, joint: int, section: Mapping[str, list[str]], constants: M
         low, high, speed = (float(section[key][0].split()[0]) for key in ("MIN_LIMIT", "MAX_LIMIT", "MAX_VELOCITY"))
     except (KeyError, ValueError):
         problem = f"[JOINT_{joint}] lacks MIN_LIMIT, MAX_LIMIT or MAX_VELOCITY as a number"
-        raise FileError(where, problem, "add it", code="linuxcnc.key") from None
+        raise FileError(where, problem, "add it", code="controller.invalid") from None
     return JointAxis(name=f"J{joint}", limits_deg=(low, high), speed_deg_s=speed, **constants)

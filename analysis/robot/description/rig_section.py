@@ -123,7 +123,7 @@ def checked_section(
         quantity = next((step for step in reversed(first["loc"]) if isinstance(step, str)), "")
         remedy = "correct it: the units are metres and radians"
         problem = f"{place}: {quantity} {plain_message(first, Robot)}"
-        raise FileError(str(path), problem, remedy, code="description.value") from None
+        raise FileError(str(path), problem, remedy, code="urdf.invalid") from None
     text = "".join(f"# {plain(line)}\n" for line in head) + section
     robot = parsed(text)
     q = random_postures(robot)
@@ -135,7 +135,7 @@ def checked_section(
             str(path),
             problem,
             "no file was written; please report this with the input file",
-            code="description.inaccurate",
+            code="urdf.invalid",
         )
     return RobotSection(robot, text, largest_mm, largest_rad)
 

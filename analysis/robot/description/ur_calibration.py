@@ -117,7 +117,7 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
             str(path),
             f"is of {MAKER}, but the arm is {robot.name}",
             "give the arm that the file is of",
-            code="controller.other_arm",
+            code="robot.other",
         )
     arm = arm_of(robot)
     axes, source, tolerance_mm, notes = _lines(path, robot)
@@ -147,7 +147,7 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
             str(path),
             problem,
             f"give the file of this {robot.name}, or the arm that the file is of",
-            code="controller.other_arm",
+            code="robot.other",
         )
     hashed = re.search(r"^\s*hash\s*:\s*(\S{1,100})\s*$", read_text(path, _MOST_BYTES), re.MULTILINE)
     serial = hashed[1] if hashed else ""
@@ -167,7 +167,7 @@ def _lines(path: Path, robot: Robot) -> tuple[AxisLines, Callable[[Array], Array
     try:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), _REMEDY, code="controller.file") from None
+        raise FileError(str(path), error.strerror or str(error), _REMEDY, code="controller.invalid") from None
     tolerance_mm, notes = TOLERANCE, tuple[str, ...]()
     if _CONF.search(text) is None:
         links = _ros_links(_frames(text, str(path)))
@@ -221,16 +221,14 @@ def _require_same_model(own: Robot, robot: Robot, path: Path, *, names_type: boo
     if not names_type:
         problem = f"is of another type of arm, or damaged: a length differs from {robot.name} by {apart_mm:.1f} mm"
         raise FileError(
-            str(path), problem, "give the file of this arm, or the arm that the file is of", code="controller.other_arm"
+            str(path), problem, "give the file of this arm, or the arm that the file is of", code="robot.other"
         )
     arms = [arm for arm in map(load_arm, arm_names()) if arm.maker == MAKER and len(arm.robot.axes) == len(robot.axes)]
     nearest = min(arms, key=lambda arm: difference_mm(arm.robot))
     fits = difference_mm(nearest.robot) <= _SAME_MODEL_MM
     of = f"fits {nearest.name}" if fits else "fits no arm of the library"
     problem = f"is of another type of arm: a length differs from {robot.name} by {apart_mm:.1f} mm; it {of}"
-    raise FileError(
-        str(path), problem, "give the arm that the file is of, or the file of this arm", code="controller.other_arm"
-    )
+    raise FileError(str(path), problem, "give the arm that the file is of, or the file of this arm", code="robot.other")
 
 
 # --- the YAML of the ROS package ur_calibration
@@ -240,17 +238,17 @@ def _frames(text: str, where: str) -> _Frames:
     _, data = read_yaml(text, where)
     kinematics = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(kinematics, dict):
-        raise FileError(where, "has no key kinematics", _REMEDY, code="controller.file")
+        raise FileError(where, "has no key kinematics", _REMEDY, code="controller.invalid")
     if kinematics.get("hash") == NOT_THE_CONTROLLERS:
         raise FileError(
             where,
             "was written by rig export-urdf: it is the measured arm",
             "give the controller's own file",
-            code="controller.measured_arm",
+            code="controller.invalid",
         )
     if "hash" not in kinematics:
         raise FileError(
-            where, "has no kinematics.hash: it was cut off or edited by hand", _REMEDY, code="controller.file"
+            where, "has no kinematics.hash: it was cut off or edited by hand", _REMEDY, code="controller.invalid"
         )
     try:
         return _Frames.model_validate(kinematics)
@@ -258,7 +256,7 @@ def _frames(text: str, where: str) -> _Frames:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, ("kinematics", *first["loc"])))
         missing = "is missing: the file was cut off" if first["type"] == "missing" else "is not a number"
-        raise FileError(where, f"{place} {missing}", _REMEDY, code="controller.file") from None
+        raise FileError(where, f"{place} {missing}", _REMEDY, code="controller.invalid") from None
 
 
 def _ros_links(frames: _Frames) -> Array:
@@ -277,20 +275,22 @@ def _differences(text: str, path: Path) -> tuple[list[Array], bool]:
     try:
         parser.read_string(text, source=path.name)
     except configparser.Error as error:
-        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY, code="controller.file") from None
+        raise FileError(
+            str(path), error.message.splitlines()[0].rstrip("."), _REMEDY, code="controller.invalid"
+        ) from None
     if "mounting" not in parser:
-        raise FileError(str(path), "has no section [mounting]", _REMEDY, code="controller.file")
+        raise FileError(str(path), "has no section [mounting]", _REMEDY, code="controller.invalid")
     section = dict(parser["mounting"])
     deltas = []
     for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha"):
         if key not in section:
-            raise FileError(str(path), f"has no {key}", _REMEDY, code="controller.file")
+            raise FileError(str(path), f"has no {key}", _REMEDY, code="controller.invalid")
         try:
             values = np.array(json.loads(section[key]), dtype=float)
         except (ValueError, TypeError, RecursionError, OverflowError):
             values = np.array([])
         if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
-            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY, code="controller.file")
+            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY, code="controller.invalid")
         deltas.append(values * (MM_PER_M if key in ("delta_a", "delta_d") else 1.0))
     return deltas, section.get("calibration_status") != _NOT_CALIBRATED
 

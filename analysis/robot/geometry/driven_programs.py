@@ -276,7 +276,7 @@ def repeatability_targets(rig: Rig) -> Integers:
     if (unknown := target[target > count]).size:
         problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
         raise FileError(
-            RigPlace.of(rig.name, "tests.repeatability"), problem, "correct targets", code="rig_file.targets"
+            RigPlace.of(rig.name, "tests.repeatability"), problem, "correct targets", code="rig_file.invalid"
         )
     return target
 

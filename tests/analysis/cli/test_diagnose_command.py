@@ -122,4 +122,4 @@ def test_one_damaged_run_names_itself(cell, tmp_path, monkeypatch):
 def test_a_copy_is_no_repeat_and_judges_nothing(cell, tmp_path):
     copy = shutil.copytree(cell.runs[0], tmp_path / "copy")
     for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
-        assert failure_of("diagnose", *words) == (3, "run.copy")
+        assert failure_of("diagnose", *words) == (3, "run.copied")

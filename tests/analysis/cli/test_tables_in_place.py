@@ -28,7 +28,7 @@ def test_table_is_analysed_with_an_arm_of_the_library(folder):
 
 
 def test_table_without_an_arm_is_refused(folder):
-    assert failure_of("diagnose poses.csv", cwd=folder)[1] == "table.no_arm"
+    assert failure_of("diagnose poses.csv", cwd=folder)[1] == "table.unclear"
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -62,4 +62,4 @@ def test_library_arm_counts_as_a_rig_file_without_tests(folder):
 
 @pytest.mark.parametrize("command", [("diagnose", "ur5", "poses.csv"), ("analyse", "ur5"), ("compare", "ur5")])
 def test_arm_in_place_of_a_run_is_refused(folder, command):
-    assert failure_of(*command, cwd=folder)[1] == "run.arm_name"
+    assert failure_of(*command, cwd=folder)[1] == "readings.unsuitable"

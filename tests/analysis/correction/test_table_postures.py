@@ -101,7 +101,7 @@ def test_table_is_right_in_its_real_posture_or_its_targets_are_listed(tmp_path, 
     try:
         unstated = correct_rig(drawn.rig, drawn.path).path[2]
     except FileError as error:  # no target has the same correction in every posture
-        assert error.code == "targets.uncorrected" and "postures" in error.what and "--near" in error.remedy
+        assert error.code == "program.unclear" and "postures" in error.what and "--near" in error.remedy
         return
     after = drawn.error_mm(np.where(unstated.done[:, None, None], unstated.T, drawn.poses))
     assert (after <= before + 2 * np.nan_to_num(unstated.u_frame_mm)).all()
@@ -149,5 +149,5 @@ def test_statement_that_is_no_posture_is_refused(tmp_path, options, problem):
     near, _, start = options.removeprefix("--near ").partition(" --start-joints ")
     with pytest.raises(UseError) as refusal:
         stated_posture(table(tmp_path, 2).rig, near, start or None)
-    assert refusal.value.code == "program.start"
+    assert refusal.value.code == "program.unclear"
     assert problem in f"{refusal.value.what}"

@@ -49,8 +49,8 @@ def test_other_formats_are_named(data, told):
 @pytest.mark.parametrize(
     ("inside", "code"),
     [
-        ("<link name='b' " + " ".join(f"a{number}='1'" for number in range(200_000)) + "/>", "urdf.no_joints"),
-        ("".join(f"<link name='l{number}'/>" for number in range(20_000)), "urdf.too_large"),
+        ("<link name='b' " + " ".join(f"a{number}='1'" for number in range(200_000)) + "/>", "urdf.invalid"),
+        ("".join(f"<link name='l{number}'/>" for number in range(20_000)), "file.too_large"),
     ],
     ids=["attributes", "links"],
 )
@@ -96,7 +96,7 @@ def test_workbook_cells_and_headers_are_no_formulas_or_links():
 
 
 def test_more_rows_than_a_sheet_has_are_refused():
-    with refused("output.form"):
+    with refused("output.invalid"):
         write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 
@@ -145,7 +145,7 @@ def _workbook(dimension: str, rows: str) -> bytes:
 )
 def test_oversized_workbook_is_refused_while_reading(monkeypatch, dimension, rows):
     monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
-    with refused("workbook.too_large"):
+    with refused("file.too_large"):
         sheets_of(_workbook(dimension, rows), "book")
 
 
@@ -155,5 +155,5 @@ def test_fully_formatted_sheet_has_only_its_cells():
 
 def test_oversized_workbook_is_not_unpacked(monkeypatch):
     monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
-    with refused("workbook.too_large"):
+    with refused("file.too_large"):
         sheets_of(_workbook("A1:B2000", _ROWS), "book")

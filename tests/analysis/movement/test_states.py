@@ -92,7 +92,7 @@ def test_too_few_readings_of_the_latest_state_are_refused():
     cell.runs[1] = with_rows(cell.runs[1], 8)
     with pytest.raises(FileError) as error:
         what_moved_in(load("ur10e-cell")[0].model_copy(update={"effects": ()}), cell.runs[:2], cell.runs[2:])
-    assert error.value.code == "movement.few_readings" and error.value.where == "run_2"
+    assert error.value.code == "readings.too_few" and error.value.where == "run_2"
 
 
 def with_rows(run: Measured, count: int) -> Measured:

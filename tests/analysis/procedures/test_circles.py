@@ -79,7 +79,7 @@ def test_hysteresis_is_the_difference_between_directions():
     assert figures["hysteresis_max_deg"].value == pytest.approx(0.1, abs=2e-3)
     assert figures["hysteresis_max_mm"].value == pytest.approx(0.004, abs=5e-4)
     assert figures["hysteresis_mean_mm"].value == pytest.approx(-0.004, abs=2e-4)
-    with refused("pair.directions"):
+    with refused("readings.unsuitable"):
         direction_pair.pair(other, one)
 
 
@@ -109,10 +109,10 @@ def test_a_good_run_is_not_doubted(test):
 @pytest.mark.parametrize(
     ("wrong", "code"),
     [
-        ({"g_mm": np.zeros((720, 2))}, "gauge.constant"),
-        ({"g_mm": np.where(np.arange(1440).reshape(720, 2) == 9, np.nan, _ball("yaw", (1, 0, 0)))}, "table.number"),
-        ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "circle.one_gauge"),
-        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "rig_file.radius"),
+        ({"g_mm": np.zeros((720, 2))}, "readings.unsuitable"),
+        ({"g_mm": np.where(np.arange(1440).reshape(720, 2) == 9, np.nan, _ball("yaw", (1, 0, 0)))}, "table.invalid"),
+        ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "readings.unsuitable"),
+        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "rig_file.invalid"),
     ],
 )
 def test_invalid_circle_runs_are_refused(wrong, code):
@@ -132,7 +132,7 @@ def _table() -> tuple[CircleTable, Rig]:
 
 def test_a_lap_under_the_wrong_label_is_refused_however_the_robot_drove_back():
     table, rig = _table()
-    with refused("run.direction"):
+    with refused("readings.unsuitable"):
         laps_of(dataclasses.replace(table, direction="cw"), rig, "t")
 
 
@@ -142,7 +142,7 @@ def test_remounted_ball_is_no_pair_but_a_play_is():
 
     acw = Yaw().evaluate_laps(_lap(_ball("yaw", (0.3, 0.2, 0.0))), 50.0, 0.02, 1e-6)
     elsewhere = Yaw().evaluate_laps(_lap(back(_ball("yaw", (0.6, -0.05, 0.0))), direction="cw"), 50.0, 0.02, 1e-6)
-    with refused("pair.ball_moved"):
+    with refused("readings.unsuitable"):
         direction_pair.pair(acw, elsewhere)
     play = np.where(np.sin(PHI - np.radians(105)) > 0, 0.4, -0.4)[:, None]
     played = Yaw().evaluate_laps(_lap(back(_ball("yaw", (0.3, 0.2, 0.0)) + play), direction="cw"), 50.0, 0.02, 1e-6)
@@ -171,13 +171,13 @@ def test_the_way_to_the_circle_and_from_it_is_no_part_of_the_lap():
 def test_standing_jumping_and_half_a_lap_are_refused():
     table, rig = _table()
     for wrong, code in (
-        (dataclasses.replace(table, q=np.tile(table.q[:1], (len(table.q), 1))), "table.still"),
+        (dataclasses.replace(table, q=np.tile(table.q[:1], (len(table.q), 1))), "readings.unsuitable"),
         (
             dataclasses.replace(table, q=table.q + np.radians(20) * (np.arange(len(table.q)) == 900)[:, None]),
-            "circle.jump",
+            "readings.unsuitable",
         ),
-        (CircleTable("yaw", "acw", table.t_s[:2000], table.q[:2000], table.g_mm[:2000]), "circle.gap"),
-        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "table.few_rows"),
+        (CircleTable("yaw", "acw", table.t_s[:2000], table.q[:2000], table.g_mm[:2000]), "readings.unsuitable"),
+        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "readings.too_few"),
     ):
         with refused(code):
             laps_of(wrong, rig, "t")

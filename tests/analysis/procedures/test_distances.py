@@ -66,7 +66,7 @@ def test_a_target_that_the_hemisphere_does_not_have_is_refused():
     for test in ("radial", "repeatability"):
         table = simulate(rig, test, None, 1)
         wrong = dataclasses.replace(table, target=np.where(np.arange(len(table.target)) == 4, 38, table.target))
-        with refused("table.target"):
+        with refused("table.invalid"):
             evaluate(wrong, rig, 0.0, "t")
 
 
@@ -103,23 +103,23 @@ def test_nearly_planar_targets_leave_out_undetermined_figures():
 def test_too_few_targets_are_refused():
     rows = TABLE.target <= 5
     part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
-    with refused("table.few_targets"):
+    with refused("readings.too_few"):
         _radial(planted.true_radial(TABLE)[rows], **part)
 
 
 def test_invalid_radial_run_is_refused():
     g = planted.true_radial(TABLE)
     for code, changes in (
-        ("gauge.constant", {"g_mm": np.zeros_like(g)}),
-        ("table.number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
-        ("table.number", {"g_mm": np.full(len(g), np.nan)}),
-        ("table.unit", {"g_mm": g + 400}),
-        ("table.unit", {"polar": np.degrees(TABLE.polar)}),
-        ("table.target", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
+        ("readings.unsuitable", {"g_mm": np.zeros_like(g)}),
+        ("table.invalid", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
+        ("table.invalid", {"g_mm": np.full(len(g), np.nan)}),
+        ("table.unclear", {"g_mm": g + 400}),
+        ("table.unclear", {"polar": np.degrees(TABLE.polar)}),
+        ("table.invalid", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
     ):
         with refused(code):
             _radial(**{"g": g} | changes) if "g_mm" not in changes else _radial(changes["g_mm"])
-    with refused("rig_file.radius"):
+    with refused("rig_file.invalid"):
         radial.evaluate(planted.with_readings(TABLE, g), 0.0, 0.0005)
 
 
@@ -149,9 +149,9 @@ def test_repeatability_ignores_one_sided_targets_and_needs_one_two_sided():
     assert list(result.targets) == [1, 3]
     assert "target 2 ignored" in result.notes[0]
     for code, changes in (
-        ("table.one_sided", {"approach": np.full(18, "out")}),
-        ("table.approach", {"approach": np.full(18, "left")}),
-        ("gauge.constant", {"g_mm": np.ones(18)}),
+        ("table.invalid", {"approach": np.full(18, "out")}),
+        ("table.invalid", {"approach": np.full(18, "left")}),
+        ("readings.unsuitable", {"g_mm": np.ones(18)}),
     ):
         with refused(code):
             repeatability.evaluate(dataclasses.replace(table, **changes), 0.0005)

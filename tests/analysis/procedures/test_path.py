@@ -185,9 +185,9 @@ def test_times_in_another_unit_are_doubted_by_the_speed():
 @pytest.mark.parametrize(
     ("scale", "cube", "code"),
     [
-        (1e-3, CUBE, "path.missing"),
-        (1.0, replace(CUBE, side_mm=300.0), "path.missing"),
-        (1.0, replace(CUBE, rising=-RISING), "path.other_cube"),
+        (1e-3, CUBE, "rig_file.invalid"),
+        (1.0, replace(CUBE, side_mm=300.0), "rig_file.invalid"),
+        (1.0, replace(CUBE, rising=-RISING), "rig_file.invalid"),
     ],
 )
 def test_a_recording_of_something_else_is_refused(scale, cube, code):

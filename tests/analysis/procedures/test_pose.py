@@ -94,11 +94,11 @@ def test_invalid_pose_table_is_refused():
     rng = np.random.default_rng(3)
     q, xyz = rng.uniform(-2, 2, (20, 6)), rng.normal(0, 500, (20, 3))
     for code, table in (
-        ("table.few_rows", PoseTable(q[:5], xyz[:5], None)),
-        ("table.still", PoseTable(np.zeros((20, 6)), xyz, None)),
-        ("pose.one_place", PoseTable(q, np.zeros((20, 3)), None)),
-        ("table.unit", PoseTable(np.degrees(q), xyz, None)),
-        ("table.number", PoseTable(q, np.where(np.arange(60).reshape(20, 3) == 4, np.nan, xyz), None)),
+        ("readings.too_few", PoseTable(q[:5], xyz[:5], None)),
+        ("readings.unsuitable", PoseTable(np.zeros((20, 6)), xyz, None)),
+        ("readings.unsuitable", PoseTable(q, np.zeros((20, 3)), None)),
+        ("table.unclear", PoseTable(np.degrees(q), xyz, None)),
+        ("table.invalid", PoseTable(q, np.where(np.arange(60).reshape(20, 3) == 4, np.nan, xyz), None)),
     ):
         with refused(code):
             pose.evaluate(table, planted.ur10(), 0.01)

@@ -62,7 +62,9 @@ def test_distance_known_otherwise_is_reported(touches):
     assert not any("apart" in note for note in evaluate(touches, MODEL).notes)
 
 
-@pytest.mark.parametrize(("rows", "code"), [(slice(0, 4), "table.few_rows"), (np.zeros(12, dtype=int), "table.still")])
+@pytest.mark.parametrize(
+    ("rows", "code"), [(slice(0, 4), "readings.too_few"), (np.zeros(12, dtype=int), "readings.unsuitable")]
+)
 def test_touches_that_show_nothing_are_refused(touches, rows, code):
     with refused(code):
         evaluate(TouchTable(touches.socket[rows], touches.q[rows]), MODEL)
@@ -91,7 +93,7 @@ def test_simulated_sockets_have_the_distances_that_are_known():
     rig = parse(text, "cell.yaml")
     found = evaluate(planned_touches(rig), model_of(rig))
     assert [one.distance.value for one in found.distances] == pytest.approx([50, 80, 60], abs=1e-3)
-    with refused("touch.no_postures"):
+    with refused("readings.too_few"):
         planned_touches(rig_with(9000.0, "ur5"))
 
 

@@ -53,7 +53,7 @@ def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_
     (run / FILE).write_bytes((run / FILE).read_bytes() + b" ")
     reading._calibrations.clear()  # private: as above
     assert [line for line in verify(run) if "SHA-256" in line]
-    with refused("calibration.changed"):
+    with refused("calibration.invalid"):
         analysis.load_run(run)
     (run / FILE).unlink()
     assert verify(run) == []

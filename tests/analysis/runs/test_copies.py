@@ -51,7 +51,7 @@ def cell(tmp_path_factory):
 )
 def test_a_run_given_twice_is_refused(cell, words, second):
     again = cell / second.format(cell.name)
-    assert failure_of(words.format(cell / "lap", again, cell / "other")) == (3, "run.copy")
+    assert failure_of(words.format(cell / "lap", again, cell / "other")) == (3, "run.copied")
 
 
 @pytest.mark.parametrize(
@@ -59,11 +59,11 @@ def test_a_run_given_twice_is_refused(cell, words, second):
 )
 def test_tables_with_equal_readings_are_refused(cell, words):
     for second in ("one.csv", "two.csv"):
-        assert failure_of(words.format(cell / "one.csv", cell / second)) == (3, "run.copy")
+        assert failure_of(words.format(cell / "one.csv", cell / second)) == (3, "run.copied")
 
 
 def test_the_same_arm_given_twice_is_refused():
-    assert failure_of("compare ur10e ur10e") == (3, "run.copy")
+    assert failure_of("compare ur10e ur10e") == (3, "run.copied")
 
 
 def test_functions_refuse_the_same_run(cell):
@@ -74,7 +74,7 @@ def test_functions_refuse_the_same_run(cell):
         lambda: what_moved_in(rig, [run], [run]),
         lambda: fitting_arm([run, run], [("a", rig), ("b", rig)]),
     ):
-        with refused("run.copy"):
+        with refused("run.copied"):
             call()
 
 
@@ -84,6 +84,6 @@ def test_part_of_a_table_in_another_order_is_the_same_data():
     part = rng.permutation(40)[:10]
     run, subset = pose_run("ur10e", q, xyz_mm, "one"), pose_run("ur10e", q[part] + 2 * np.pi, xyz_mm[part], "two")
     for groups in ({REFERENCE: [run], NEW: [subset]}, {REFERENCE: [subset], NEW: [run]}):
-        with refused("run.copy"):
+        with refused("run.copied"):
             refuse_repeated(groups)
     refuse_repeated({REFERENCE: [run], NEW: [pose_run("ur10e", q, xyz_mm + rng.normal(0, 0.01, (40, 3)), "three")]})

@@ -32,4 +32,4 @@ def offered(request, monkeypatch):
 def test_an_unusable_kind_is_refused_with_the_name_that_is_offered(offered):
     with pytest.raises(FileError) as error:
         format_of("other")
-    assert error.value.code == "test.unusable" and offered in error.value.what
+    assert error.value.code == "package.missing" and offered in error.value.what

@@ -23,7 +23,7 @@ def test_a_run_that_is_named_twice_is_refused(plant, monkeypatch, again):
     monkeypatch.chdir(plant)
     with pytest.raises(FileError) as refused:
         run_directories([Path("b/later"), Path(again.format(plant=plant))])
-    assert refused.value.code == "run.copy"
+    assert refused.value.code == "run.copied"
 
 
 def test_links_are_followed_and_lead_in_no_circle(plant, tmp_path_factory):

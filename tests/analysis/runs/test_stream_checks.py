@@ -43,7 +43,7 @@ def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
 )
 @pytest.mark.parametrize("stream", ["g2", "robot"])
 def test_stamps_that_rigd_cannot_have_written_are_refused(stream, column, row, value, named):
-    with refused("run.impossible_row") as error:
+    with refused("run.damaged") as error:
         measured_of(with_column(stream, column, row, value))
     assert error.value.what.startswith(named)
 
@@ -61,7 +61,7 @@ def test_invalid_readings_are_ignored_and_counted(value):
 @pytest.mark.parametrize("value", [np.nan, 1e300])
 @pytest.mark.parametrize(("stream", "column"), [("g1", "g1_mm"), ("g2", "g2_mm"), ("robot", "q6_deg")])
 def test_an_instrument_without_a_reading_is_missed(stream, column, value):
-    with refused("run.not_together"):
+    with refused("readings.unsuitable"):
         measured_of(with_column(stream, column, slice(None), value))
 
 
@@ -95,5 +95,5 @@ def test_stopped_clock_is_ignored_with_a_doubt(stream, step_s):
 
 def test_run_of_a_replay_out_of_step_is_refused():
     manifest = lap().manifest.model_copy(update={"counters": {"robot": {"out_of_step": 4}}})
-    with refused("run.out_of_step"):
+    with refused("run.damaged"):
         measured_of(replace(lap(), manifest=manifest))

@@ -50,13 +50,13 @@ def _rig_text(interface: str, *, shared: bool) -> str:
 def test_gauges_share_a_port_only_if_one_answer_contains_both(interface):
     text = _rig_text(interface, shared=True)
     if gauge(interface).bus:
-        with refused("rig_file.value"):
+        with refused("rig_file.invalid"):
             parse(text, "cell")
         return
     if interface in SHARED:
         assert parse(text, "cell").gauges.g2 is not None
         return
-    with refused("rig_file.value"):
+    with refused("rig_file.invalid"):
         parse(text, "cell")
 
 
@@ -65,7 +65,7 @@ def test_unknown_line_settings_must_be_given(interface):
     data: dict[str, Any] = yaml.safe_load(_rig_text(interface, shared=False))
     del data["gauges"]["g1"]["line"]
     assert LINE["line"] == data["gauges"]["g2"]["line"]
-    with refused("rig_file.value"):
+    with refused("rig_file.invalid"):
         parse(yaml.safe_dump(data), "cell")
 
 

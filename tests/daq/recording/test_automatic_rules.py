@@ -150,7 +150,12 @@ def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path):
 
 @pytest.mark.parametrize(
     ("q1_deg", "code"),
-    [(STAND, "rule.still"), (TURN[100:], "rule.moving"), (STAND[:0], "rule.still"), (NIGHT, "rule.invalid")],
+    [
+        (STAND, "readings.unsuitable"),
+        (TURN[100:], "readings.unsuitable"),
+        (STAND[:0], "readings.unsuitable"),
+        (NIGHT, "readings.unsuitable"),
+    ],
 )
 def test_a_run_without_an_event_has_no_rule(tmp_path, q1_deg, code):
     with refused(code):

@@ -258,7 +258,7 @@ def test_deleted_run_is_followed_by_another_and_counts_as_dropped(written, monke
     ("end", "code"),
     [
         (Recorder.stop_run, "recording.none"),
-        (lambda recorder: recorder.start_run(_request("b")).result(), "disk.nearly_full"),
+        (lambda recorder: recorder.start_run(_request("b")).result(), "disk.full"),
     ],
 )
 def test_stop_or_start_ends_the_waiting(written, end, code, monkeypatch, caplog):
@@ -437,7 +437,7 @@ def test_stop_during_a_refused_start_ends_the_waiting(written, gate, monkeypatch
     written.recorder._round()
     ending = written.recorder.stop_run()
     gate.open()
-    with refused("run.not_writable"):
+    with refused("output.not_writable"):
         ending.result()
     written.begun()
     assert written.recorder.state()["waiting"] is None
@@ -452,7 +452,7 @@ def test_disk_without_runs_gets_no_further_request(written, making):
         written.recorder.start_run(NEXT)
         ending.append(written.recorder.stop_run())
     written.deliver()
-    with refused("recording.starting"):
+    with refused("recording.running"):
         written.recorder.start_run(NEXT)
     making.open()
     assert len({end.result().path for end in ending}) == 2

@@ -42,7 +42,7 @@ def test_zeros_of_a_view_are_noted_and_change_no_rows(bench):
     bench.start().all_reading()
     with Client(bench.socket) as client:
         label = {"name": "lap", "test": "yaw", "direction": "cw"}
-        with refused("request.value"):
+        with refused("request.invalid"):
             client.ask("record_start", **label, view_zero_mm=[1e9, "x"])
         run = Path(client.ask("record_start", **label, view_zero_mm=[0.1, -0.1])["run"])
         client.ask("record_stop")

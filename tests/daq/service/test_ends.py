@@ -45,7 +45,7 @@ def test_waiting_client_gets_its_answer_when_the_daemon_ends(tmp_path):
         may_answer.set()
         closing.join(60)
         asking.join(60)
-    assert answers == [{"run": "x", "counters": {}}, "daemon.closed"]
+    assert answers == [{"run": "x", "counters": {}}, "daemon.silent"]
     assert commands == ["record_stop"]
 
 

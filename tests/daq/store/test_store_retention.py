@@ -68,7 +68,7 @@ def test_unmarkable_run_is_reported(run, tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(durable, "replace", refuse)
-    with refused("run.not_writable"):
+    with refused("output.not_writable"):
         mark_kept(run, True)
     output = tmp_path / "raw.mcap"
     done = ran("export", run, "--to", "mcap", "-o", output)

@@ -121,7 +121,7 @@ def test_missing_run_and_manifest(tmp_path):
     for act in (read_run, recover):
         with refused("run.missing"):
             act(tmp_path / "none")
-    with refused("run.unreadable"):
+    with refused("run.damaged"):
         read_run(tmp_path / ("x" * 300))
     with refused("run.missing"):
         read_run(tmp_path)
@@ -135,7 +135,7 @@ def test_flipped_bit_in_parquet(run):
         data[place] ^= 4
         file.write_bytes(data)
         assert "g1-0002.parquet: has changed" in verify(run)[0]
-        with refused("run.changed"):
+        with refused("run.damaged"):
             read_run(run)
         data[place] ^= 4
 
@@ -155,7 +155,7 @@ def _no_text(run: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "code", "says"),
     [
-        (lambda run: (run / "robot-0003.parquet").unlink(), "run.chunk_missing", "robot-0003.parquet"),
+        (lambda run: (run / "robot-0003.parquet").unlink(), "run.damaged", "robot-0003.parquet"),
         (lambda run: edit_chunk(run, "g1-0002.parquet", {"rows": 7}), "run.damaged", "has 8 rows"),
         (lambda run: edit_chunk(run, "g1-0002.parquet", {"file": "../run/g1-0002.parquet"}), "run.damaged", ""),
         (
@@ -244,13 +244,13 @@ def test_reading_leaves_no_thread_behind(whole):
 
 def test_directory_of_runs_differs_from_a_run_without_manifest(tmp_path):
     path = finished(tmp_path / "runs")
-    with refused("run.is_directory_of_runs"):
+    with refused("run.missing"):
         read_run(path.parent)
     (tmp_path / "empty").mkdir()
     with refused("run.missing"):
         read_run(tmp_path / "empty")
     (path / "manifest.json").unlink()
-    with refused("run.no_manifest"):
+    with refused("run.damaged"):
         read_run(path)
 
 
@@ -264,7 +264,7 @@ def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path):
     with refused("run.missing"):
         read_run(tmp_path / "trial-acw")
     (tmp_path / "trial").touch()
-    with refused("run.is_file"):
+    with refused("run.missing"):
         read_run(tmp_path / "trial")
 
 

@@ -270,10 +270,10 @@ def test_only_the_called_controller_is_heard():
 @pytest.mark.parametrize(
     ("address", "code"),
     [
-        ("tcp://203.0.113.7", "port.not_bound"),
-        ("udp://203.0.113.7", "port.not_bound"),
-        ("tcp://127.0.0.1", "port.not_bound"),  # taken
-        ("udp://127.0.0.1", "port.not_bound"),
+        ("tcp://203.0.113.7", "port.refused"),
+        ("udp://203.0.113.7", "port.refused"),
+        ("tcp://127.0.0.1", "port.refused"),  # taken
+        ("udp://127.0.0.1", "port.refused"),
         (f"udp://{'a' * 64}", "address.invalid"),
     ],
 )

@@ -30,7 +30,7 @@ def value_files(rig: Rig, added: Mapping[tuple[int, str], float]) -> dict[str, s
     if unit is None:
         remedy = "add linear_units: mm or inch to robot, as LINEAR_UNITS of [TRAJ] says, or give --calibration FILE.ini"
         problem = "does not state the unit of the machine's lengths, so rig-arm.hal could be 25.4 times too large"
-        raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="linuxcnc.unit")
+        raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="controller.invalid")
     pins = [f"# genserkins of {rig.robot.name}, changed by rig correct. Lengths in {unit} (LINEAR_UNITS of [TRAJ])."]
     for key, pin in _PINS.items():
         factor = math.radians(1) if key == "alpha_deg" else 1.0
@@ -56,7 +56,7 @@ def _check_near(rig: Rig, pin: str, joint: int, value: float, change: float) -> 
     if not math.isclose(value - change, was, rel_tol=1e-6, abs_tol=1e-6):
         problem = f"gives {value:.6g} for genserkins.{pin}-{joint}, in {source.file} {was:.6g}: unit or arm differ"
         remedy = f"read the present pins with --calibration {source.file}, or correct linear_units"
-        raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="linuxcnc.pin")
+        raise FileError(RigPlace.of(rig.name, "robot"), problem, remedy, code="controller.invalid")
 
 
 def _beyond_genserkins(rig: Rig) -> Iterator[str]:

@@ -151,7 +151,7 @@ class _Program:
             if ends[0] - begins[0] < _SHORTEST:
                 problem = "B of the flange passes ±90°, where A and C have no definite values"
                 remedy = "turn the tool on the flange, or choose a different posture"
-                raise FileError(self.plan.name, problem, remedy, code="path.singularity")
+                raise FileError(self.plan.name, problem, remedy, code="path.impossible")
             middles = (begins + ends) / 2
             first, middle, last = np.split(self.flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
             # The middle of a line is at the mean of the numbers of its ends.

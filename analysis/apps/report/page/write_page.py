@@ -160,7 +160,7 @@ def gather(
         if (run.rig.robot.name, run.rig.name) != (model.robot.name, runs[0].rig.name):
             about = f"the report is about rig {runs[0].rig.name} of {model.robot.name}"
             problem = f"is of rig {run.rig.name} of {run.rig.robot.name}, but {about}"
-            raise FileError(str(run.path), problem, "make a report for each robot", code="report.other_robot")
+            raise FileError(str(run.path), problem, "make a report for each robot", code="robot.other")
     undiagnosed = ""
     if diagnosis is None and diagnosed:
         try:
@@ -196,10 +196,10 @@ class PageHead:
         for name, text in vars(self).items():
             if len(text) > _LONGEST:
                 raise UseError(
-                    f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}", code="report.field"
+                    f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}", code="output.invalid"
                 )
             if not text.isprintable():
-                raise UseError(f"--{name}", "contains control characters", "write one line", code="report.field")
+                raise UseError(f"--{name}", "contains control characters", "write one line", code="output.invalid")
 
 
 NO_HEAD = PageHead()

@@ -86,16 +86,16 @@ def test_unmeasured_arm_decides_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("tolerance", "code"),
     [
-        ("A=0.3", "certify.tolerance"),
-        ("A=0mm", "certify.tolerance"),
-        ("A", "certify.feature"),
-        ("Z=0.3mm", "certify.no_target"),
-        ("roundness:A,B=0.3mm", "certify.feature"),
-        ("distance:A=0.3mm", "certify.feature"),
-        ("distance:A,A=0.3mm", "certify.feature"),
-        ("distance:A,D..B=0.3mm", "certify.feature"),
-        ("flatness:A..B..D=0.3mm", "certify.feature"),
-        ("flatness:A..far=0.3mm", "certify.form"),
+        ("A=0.3", "table.invalid"),
+        ("A=0mm", "table.invalid"),
+        ("A", "table.invalid"),
+        ("Z=0.3mm", "table.invalid"),
+        ("roundness:A,B=0.3mm", "table.invalid"),
+        ("distance:A=0.3mm", "table.invalid"),
+        ("distance:A,A=0.3mm", "table.invalid"),
+        ("distance:A,D..B=0.3mm", "table.invalid"),
+        ("flatness:A..B..D=0.3mm", "table.invalid"),
+        ("flatness:A..far=0.3mm", "table.invalid"),
     ],
 )
 def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, tolerance, code):
@@ -106,7 +106,7 @@ def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, toleranc
 
 def test_flatness_of_a_program_without_targets_is_an_error():
     features, errors = features_of(["flatness:all=1mm"], None, (), (), np.empty((0, 3)))
-    assert not features and [error.code for error in errors] == ["certify.feature"]
+    assert not features and [error.code for error in errors] == ["table.invalid"]
 
 
 def test_table_of_features_and_page(tmp_path):
@@ -114,14 +114,12 @@ def test_table_of_features_and_page(tmp_path):
     (tmp_path / "features.csv").write_text(rows)
     found = certified(tmp_path, SHIFT, options="--features features.csv -o page.html")
     assert list(found["by_name"]) == ["edge", "A", "B", "C", "D", "far"]
-    assert [error["code"] for error in found["errors"]] == ["certify.tolerance"]
+    assert [error["code"] for error in found["errors"]] == ["table.invalid"]
     page = (tmp_path / "page.html").read_text()
     assert page.count("<tr>") == 7
     assert "data:image/png" in page
     (tmp_path / "features.csv").write_text(rows.replace("tolerance_mm", "tolerance"))
-    assert (
-        failure_of("certify targets.csv --rig cell.yaml --features features.csv", cwd=tmp_path)[1] == "certify.columns"
-    )
+    assert failure_of("certify targets.csv --rig cell.yaml --features features.csv", cwd=tmp_path)[1] == "table.invalid"
 
 
 PROGRAM = """def job():
@@ -145,7 +143,7 @@ def test_program_judges_understood_targets_and_lists_the_others(tmp_path):
     names = [feature["name"] for feature in found["features"]]
     assert len(names) == 5
     assert sum(feature["probability"] is None for feature in found["features"]) == len(found["not_understood"]) == 1
-    assert [error["code"] for error in found["errors"]] == ["certify.no_line"]
+    assert [error["code"] for error in found["errors"]] == ["table.invalid"]
     assert found["errors"][0]["where"] == "--tolerance straightness:3,8=1mm"
 
 
@@ -257,8 +255,8 @@ def test_statement_of_a_posture_for_joint_targets_or_of_no_posture_is_refused(tm
     written(tmp_path, calibrated_model(SHIFT))
     (tmp_path / "targets.csv").write_text(TARGETS)
     call = "certify targets.csv --rig cell.yaml --tolerance A=1mm"
-    assert failure_of(f"{call} {NEAR}", cwd=tmp_path) == (2, "program.option")
-    assert failure_of(f"{call} --start-joints 0,0,0,0,0,0", cwd=tmp_path) == (2, "program.option")
+    assert failure_of(f"{call} {NEAR}", cwd=tmp_path) == (2, "usage")
+    assert failure_of(f"{call} --start-joints 0,0,0,0,0,0", cwd=tmp_path) == (2, "usage")
     done = certified_poses(tmp_path / "poses", SHIFT, "A=1mm", "--near 0,5,-8")
     assert (done.returncode, "must be 6 numbers, one for each joint, but has 3" in done.stderr) == (2, True)
 

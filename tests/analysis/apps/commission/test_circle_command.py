@@ -87,17 +87,17 @@ def test_ball_is_fitted_to_a_circle_or_to_stops(run, cell, tmp_path):
     radial = simulate("ur10e-cell", "radial", seed=1)
     done = ran("ball", "fit", save_run(radial, tmp_path / radial.path), "--rig", cell)
     assert yaml.safe_load(done.stdout)["tests"]["hemisphere"]["centre_mm"] == pytest.approx([-800, -200, 0], abs=0.05)
-    assert failure_of(f"ball fit {tmp_path}/{radial.path} {run}")[1] == "ball.mixed_runs"
+    assert failure_of(f"ball fit {tmp_path}/{radial.path} {run}")[1] == "readings.unsuitable"
 
 
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ((), "circle.no_runs"),
-        (("RUN", "--live"), "circle.no_runs"),
-        (("RUN", "--write"), "circle.no_rig_file"),
-        (("RUN", "--rig", "ur10e-cell", "--write"), "rig_file.shipped"),
-        (("RUN", "--rig", "paper-fanuc"), "run.other_robot"),
+        ((), "run.missing"),
+        (("RUN", "--live"), "run.missing"),
+        (("RUN", "--write"), "rig_file.invalid"),
+        (("RUN", "--rig", "ur10e-cell", "--write"), "output.exists"),
+        (("RUN", "--rig", "paper-fanuc"), "robot.other"),
     ],
 )
 def test_impossible_fit_is_refused(words, code, run):
@@ -107,7 +107,7 @@ def test_impossible_fit_is_refused(words, code, run):
 def test_read_only_file_is_unchanged(run, cell):
     before = cell.read_text()
     cell.chmod(0o440)
-    assert failure_of(f"circle fit {run} --rig {cell} --write")[1] == "file.read_only"
+    assert failure_of(f"circle fit {run} --rig {cell} --write")[1] == "output.not_writable"
     assert cell.read_text() == before and list(cell.parent.iterdir()) == [cell]
 
 

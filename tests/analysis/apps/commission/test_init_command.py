@@ -84,7 +84,7 @@ def test_cell_is_identified_and_its_rig_file_checked(tmp_path, gauges, robot):
 )
 def test_robot_is_refused_if_the_table_contains_the_joints(measured_by, arm, tmp_path):
     words = f"--measured-by {measured_by} --arm {arm} --tool 0,0,90"
-    assert refused(tmp_path, f"{words} --robot 192.168.1.20") == "init.option_unused"
+    assert refused(tmp_path, f"{words} --robot 192.168.1.20") == "usage"
     printed = init(tmp_path, f"{words} --robot none")
     assert "ready for: " in printed and "not possible" not in printed
 
@@ -117,8 +117,8 @@ def test_robot_that_guides_touches_is_found(tmp_path):
 
 
 def test_arm_of_five_axes_has_neither_gauges_nor_a_robot(tmp_path):
-    assert refused(tmp_path, "--arm so-101") == "arm.axes"
-    assert refused(tmp_path, "--measured-by sockets --arm so-101 --robot 192.168.1.20") == "init.option_unused"
+    assert refused(tmp_path, "--arm so-101") == "arm.invalid"
+    assert refused(tmp_path, "--measured-by sockets --arm so-101 --robot 192.168.1.20") == "usage"
 
 
 def test_options_answer_every_question_without_a_terminal(tmp_path):
@@ -227,20 +227,20 @@ def test_wrong_answers_are_asked_again(tmp_path):
 @pytest.mark.parametrize(
     ("given", "code"),
     [
-        ("", "answer.no_terminal"),
-        ("--robot tcp://127.0.0.1:1", "robot.not_found"),
-        ("--g2 /dev/none", "init.gauge_unnamed"),
-        ("--key nonsense", "init.key"),
-        ("--key g3.units=mm", "init.key"),
-        ("--key g1.units=[ --robot x", "rig_file.value"),
-        ("--baseline-mm 5 --robot x", "gauge.baseline"),
-        ("--name 'My Cell' --robot x", "init.value"),
-        ("--key g1.interface=tesa_tt --robot x", "init.gauge_unnamed"),
-        ("--robot none", "init.option_unused"),
-        ("--measured-by tracker --port /dev/none", "init.option_unused"),
-        ("--measured-by sockets --key g1.range_mm=9", "init.option_unused"),
-        ("--measured-by tracker --radius-mm 300", "init.option_unused"),
-        ("--measured-by sockets --arm ur5 --tool 0,0,0.09", "answer.metres"),
+        ("", "answer.missing"),
+        ("--robot tcp://127.0.0.1:1", "robot.silent"),
+        ("--g2 /dev/none", "usage"),
+        ("--key nonsense", "usage"),
+        ("--key g3.units=mm", "usage"),
+        ("--key g1.units=[ --robot x", "rig_file.invalid"),
+        ("--baseline-mm 5 --robot x", "rig_file.invalid"),
+        ("--name 'My Cell' --robot x", "rig_file.invalid"),
+        ("--key g1.interface=tesa_tt --robot x", "usage"),
+        ("--robot none", "usage"),
+        ("--measured-by tracker --port /dev/none", "usage"),
+        ("--measured-by sockets --key g1.range_mm=9", "usage"),
+        ("--measured-by tracker --radius-mm 300", "usage"),
+        ("--measured-by sockets --arm ur5 --tool 0,0,0.09", "usage"),
     ],
 )
 def test_wrong_option_is_refused_and_nothing_is_written(tmp_path, given, code):
@@ -251,9 +251,9 @@ def test_wrong_option_is_refused_and_nothing_is_written(tmp_path, given, code):
 def test_existing_file_and_link_are_left_alone(tmp_path):
     (tmp_path / "cell.yaml").write_text("mine")
     (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
-    assert refused(tmp_path, "cell.yaml") == refused(tmp_path, "link.yaml") == "file.exists"
+    assert refused(tmp_path, "cell.yaml") == refused(tmp_path, "link.yaml") == "output.exists"
     assert (tmp_path / "cell.yaml").read_text() == "mine"
-    assert refused(tmp_path, "none/cell.yaml") == "init.no_directory"
+    assert refused(tmp_path, "none/cell.yaml") == "output.not_writable"
 
 
 def test_file_created_meanwhile_is_left_alone(tmp_path):
@@ -275,7 +275,7 @@ def test_two_gauges_need_names_without_a_terminal(tmp_path):
         given = " ".join(["cell.yaml --robot", unknown.robot, *unknown.robot_is_named, QUICK])
         (port,) = unknown.gauge_ports
         for more in (f"--arm ur10e --port {port}", f"--g1 {port}"):
-            assert refused(tmp_path, f"{given} {more}") == "gauge.ambiguous"
+            assert refused(tmp_path, f"{given} {more}") == "rig_file.invalid"
 
 
 def test_arm_file_without_a_build_is_asked_for_it(tmp_path):

@@ -88,10 +88,10 @@ def test_a_circle_from_one_pose_has_that_pose():
 @pytest.mark.parametrize(
     ("text", "code"),
     [
-        ("robot: {name: x}\n", "rig_file.value"),
-        ("name: x\n", "arm.no_section"),
-        ("- 1\n", "arm.no_section"),
-        ("robot: [\n", "rig_file.value"),
+        ("robot: {name: x}\n", "rig_file.invalid"),
+        ("name: x\n", "arm.invalid"),
+        ("- 1\n", "arm.invalid"),
+        ("robot: [\n", "rig_file.invalid"),
         ("<robot name='x'/>\n", "arm.urdf"),
     ],
 )

@@ -67,7 +67,7 @@ def rows_of(run: Run, rows: list[int]) -> Run:
 
 def test_stops_that_determine_no_ball_are_refused():
     run = of_simulation(None).run
-    assert refused(rows_of(run, [0, 10, 20])) == "ball.few_places"
+    assert refused(rows_of(run, [0, 10, 20])) == "readings.too_few"
     ring = np.flatnonzero(np.isclose(run.table["polar_deg"].to_numpy(), 90.0))
-    assert refused(rows_of(run, ring[::3].tolist())) in ("ball.plane", "ball.uncertain")
-    assert refused(simulate("ur10e-cell", "yaw", "acw", seed=None).run) == "ball.table"
+    assert refused(rows_of(run, ring[::3].tolist())) in ("readings.unsuitable", "readings.unsuitable")
+    assert refused(simulate("ur10e-cell", "yaw", "acw", seed=None).run) == "readings.unsuitable"

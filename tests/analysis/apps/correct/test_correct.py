@@ -299,15 +299,15 @@ def test_the_command_writes_files_and_says_why_not(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("head", "row", "code", "told"),
     [
-        (HEAD, "A,0,20,ten,0,60,0", "table.value", "line 2, q3_deg"),
-        (HEAD, "A,0,20,10,0,60", "table.value", "line 2"),
-        (HEAD, "A,0,20,10,0,200,0", "targets.uncorrected", "line 2"),
-        ("x_mm,y_mm,z_mm", "900,0,0", "targets.column", "rx_deg"),
-        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "targets.uncorrected", "line 2"),
-        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "0.9,0,0.4,0,180,0", "targets.units", "by 1000"),
-        (HEAD, "A,0,0.35,0.17,0,1.05,0", "targets.units", "by 57.29578"),
-        (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "targets.already_corrected", "u_um"),
-        (HEAD, "", "targets.empty", ""),
+        (HEAD, "A,0,20,ten,0,60,0", "table.invalid", "line 2, q3_deg"),
+        (HEAD, "A,0,20,10,0,60", "table.invalid", "line 2"),
+        (HEAD, "A,0,20,10,0,200,0", "program.unclear", "line 2"),
+        ("x_mm,y_mm,z_mm", "900,0,0", "table.invalid", "rx_deg"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "program.unclear", "line 2"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "0.9,0,0.4,0,180,0", "table.unclear", "by 1000"),
+        (HEAD, "A,0,0.35,0.17,0,1.05,0", "table.unclear", "by 57.29578"),
+        (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "correction.repeated", "u_um"),
+        (HEAD, "", "table.invalid", ""),
     ],
 )
 def test_a_bad_path_is_refused_with_its_line(tmp_path, head, row, code, told):
@@ -323,7 +323,7 @@ def test_every_bad_cell_is_reported(tmp_path):
 
 
 def test_a_rig_without_effects_has_nothing_to_correct():
-    with refused("correct.no_effects"):
+    with refused("correction.impossible"):
         correct_rig(_rig(), None)
 
 

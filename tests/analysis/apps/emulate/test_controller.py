@@ -67,17 +67,17 @@ def test_a_length_grows_whichever_its_sign(maker, parameter, field, axis):
 @pytest.mark.parametrize(
     ("corrections", "code"),
     [
-        (None, "entries.none"),
-        ({"controller": None}, "entries.none"),
-        ({"controller": {"name": "kuka", "entries": "none"}}, "entries.none"),
-        ({"controller": {"name": "ur", "entries": []}}, "entries.other_controller"),
-        ([entry("$MAMES[7]", 0.1, "deg")], "entries.parameter"),
-        ([entry("$MAMES[1]", 0.1, "deg"), entry("$MAMES[1]", 0.1, "rad")], "entries.value"),
-        ([entry("$MAMES[1]", float("nan"), "deg")], "entries.value"),
-        ([entry("$MAMES[1]", True, "deg")], "entries.value"),
-        ([entry("$MAMES[1]", "1", "deg")], "entries.value"),
-        ([7], "entries.parameter"),
-        ([entry("$LENGTH_A", 0.3, "mm", 123.0)], "entries.other_size"),
+        (None, "controller.invalid"),
+        ({"controller": None}, "controller.invalid"),
+        ({"controller": {"name": "kuka", "entries": "none"}}, "controller.invalid"),
+        ({"controller": {"name": "ur", "entries": []}}, "robot.other"),
+        ([entry("$MAMES[7]", 0.1, "deg")], "controller.invalid"),
+        ([entry("$MAMES[1]", 0.1, "deg"), entry("$MAMES[1]", 0.1, "rad")], "controller.invalid"),
+        ([entry("$MAMES[1]", float("nan"), "deg")], "controller.invalid"),
+        ([entry("$MAMES[1]", True, "deg")], "controller.invalid"),
+        ([entry("$MAMES[1]", "1", "deg")], "controller.invalid"),
+        ([7], "controller.invalid"),
+        ([entry("$LENGTH_A", 0.3, "mm", 123.0)], "controller.invalid"),
     ],
 )
 def test_invalid_entry_is_refused(corrections, code):

@@ -177,18 +177,18 @@ def test_impossible_program_is_rejected(tmp_path, body):
     (tmp_path / "yaw.script").write_text(f"def a():\n  {body}\nend\na()\n")
     with pytest.raises(FileError) as error:
         Pendant(load("ur10e-cell")[0], tmp_path).trace("yaw")
-    assert error.value.code in ("program.rejected", "path.reach") and "\n" not in str(error.value)
+    assert error.value.code in ("robot.refused", "path.impossible") and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
     ("name", "code"),
     [
-        ("nix", "program.unknown"),
-        ("yaw", "program.unknown"),
-        ("lap", "program.test"),
-        ("yaw_roll", "program.test"),
-        ("yaw_fanuc", "controller.maker"),
-        ("/nowhere/yaw.script", "program.unreadable"),
+        ("nix", "maker.unknown"),
+        ("yaw", "maker.unknown"),
+        ("lap", "usage"),
+        ("yaw_roll", "usage"),
+        ("yaw_fanuc", "maker.unknown"),
+        ("/nowhere/yaw.script", "file.unreadable"),
     ],
 )
 def test_unknown_program_is_refused(tmp_path, name, code):

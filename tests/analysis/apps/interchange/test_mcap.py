@@ -144,6 +144,6 @@ def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path):
 @pytest.mark.parametrize(("test", "since_s"), [("yaw", -9e10), ("pose", 0.0)], ids=["beyond", "none"])
 def test_a_time_that_mcap_cannot_hold_is_refused_and_leaves_no_file(test, since_s, tmp_path):
     run = imported(tmp_path, test, since_s)
-    with refused("export.time"):
+    with refused("output.invalid"):
         written(run, tmp_path / "run.mcap")
     assert not (tmp_path / "run.mcap").exists()

@@ -81,7 +81,7 @@ def test_joints_are_those_that_the_rig_file_names(bag, rng):
     found = stands(bag, rig_with("ur10-cell", feedback=feedback))
     assert "finger_rad" not in columns(found)
     held(found, truth)
-    with refused("bag.no_joints"):
+    with refused("table.invalid"):
         stands(bag, rig_with("ur10-cell", feedback=feedback | {"joints": list("abcdef")}))
 
 
@@ -178,7 +178,7 @@ def test_a_database_that_is_no_bag_is_one_line(bag, rng, sql):
 
 
 def test_missing_file_of_a_directory_is_reported(tmp_path):
-    with refused("bag.directory"):
+    with refused("table.invalid"):
         file_of(tmp_path)
 
 
@@ -214,7 +214,7 @@ def test_bag_with_open_log_is_read_once_closed(bag, rng):
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("CREATE TABLE more (id INTEGER)")
     database.commit()
-    with refused("bag.not_closed"):
+    with refused("table.invalid"):
         file_of(bag)
     database.close()
     held(stands(bag), truth)
@@ -235,7 +235,7 @@ LEFT = [f"left_{name}" for name in JOINTS]
 
 @pytest.mark.parametrize(
     ("names", "beside", "code"),
-    [(JOINTS, ("/joint_states", LEFT), "bag.ambiguous"), ([], None, "bag.no_joints")],
+    [(JOINTS, ("/joint_states", LEFT), "table.invalid"), ([], None, "table.invalid")],
 )
 def test_joints_of_two_arms_or_without_names_are_refused(bag, rng, names, beside, code):
     q = np.radians(rng.uniform(-60, 60, (3, 6)))

@@ -209,7 +209,7 @@ def test_out_of_range_value_is_refused_with_joint_and_key(given, wrong, of, tmp_
     with pytest.raises(FileError) as refused:
         imported(tmp_path, GOOD.replace(given, wrong, 1))
     error = refused.value
-    assert error.code == "description.value" and all(word in error.what for word in ("joint_", *of.split()))
+    assert error.code == "urdf.invalid" and all(word in error.what for word in ("joint_", *of.split()))
     assert "Input" not in error.what
 
 
@@ -223,11 +223,11 @@ def test_bad_file_is_refused(kind, tmp_path):
 @pytest.mark.parametrize(
     ("base", "tip", "code"),
     [
-        ("link_3", None, "urdf.axes"),
-        ("tool0", "base_link", "urdf.base_moves"),
-        ("stand", None, "urdf.base_moves"),
-        ("flange", None, "urdf.link_missing"),
-        (None, "tool1", "urdf.link_missing"),
+        ("link_3", None, "urdf.invalid"),
+        ("tool0", "base_link", "urdf.invalid"),
+        ("stand", None, "urdf.invalid"),
+        ("flange", None, "urdf.invalid"),
+        (None, "tool1", "urdf.invalid"),
     ],
 )
 def test_other_ends_have_other_joints(base, tip, code, tmp_path):
@@ -263,7 +263,7 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path):
 def test_gripper_jaw_is_an_axis_only_if_chosen(tmp_path):
     jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
     text = with_more(jaw).replace("tool0", "hand")
-    with refused("urdf.gripper"):
+    with refused("urdf.invalid"):
         imported(tmp_path, text)
     assert len(imported(tmp_path, text, tip="hand").section.robot.axes) == 6
     assert len(imported(tmp_path, text, tip="jaw").section.robot.axes) == 7
@@ -277,7 +277,7 @@ def test_a_joint_without_end_gets_limits_and_is_named(tmp_path):
 
 def test_several_ends_are_asked_for(tmp_path):
     text = with_more(SEVENTH.replace("tool0", "link_6")).replace("tool0", "hand")
-    with refused("urdf.tree"):
+    with refused("urdf.invalid"):
         imported(tmp_path, text)
     assert imported(tmp_path, text, tip="hand").tip == "hand"
 

@@ -94,7 +94,7 @@ def test_arm_without_readings_is_measured_first_for_the_given_targets(tmp_path):
     assert (found["reading"], found["socket"], found["circle"]) == ("pose", None, None)
     assert found["many_mm"] < found["next_mm"] < found["corrected_mm"]
     assert 1 <= found["worthwhile"] <= found["many"] == 20
-    assert failure_of("plan ur10e-cell --targets targets.csv", cwd=tmp_path)[1] == "plan.option"
+    assert failure_of("plan ur10e-cell --targets targets.csv", cwd=tmp_path)[1] == "usage"
 
 
 TOUCHED = parse(f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B]}}}}\n", "cell.yaml")

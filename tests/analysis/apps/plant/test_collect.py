@@ -70,9 +70,9 @@ def test_robot_has_the_name_of_its_rig_file_or_robot(runs):
     own = name.split(":", 1)[1].strip().strip("\"'")
     assert collect(runs, own).runs == collect(runs, "ur10e").runs
     for directory, robot, code in (
-        (runs, "other", "history.no_robot"),
+        (runs, "other", "run.missing"),
         (runs / "nowhere", "ur10e", "file.missing"),
-        (runs / "000-acw", "ur10e", "run.none"),
+        (runs / "000-acw", "ur10e", "run.missing"),
     ):
         with refused(code):
             collect(directory, robot)

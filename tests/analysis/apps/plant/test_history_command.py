@@ -68,10 +68,10 @@ def test_since_and_figure_select_and_unknown_ones_are_refused(runs):
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
     assert all("limit" in sentence for sentence in answer["sentences"])  # no change is found in so few
     for options, code in (
-        (f"ur10e --runs {runs} --since 2027-01-01", "history.no_figures"),
-        (f"ur10e --runs {runs} --figure nothing", "history.unknown_figure"),
-        (f"ur10e --runs {runs} --csv", "history.option"),
-        (runs, "history.directory"),
+        (f"ur10e --runs {runs} --since 2027-01-01", "run.missing"),
+        (f"ur10e --runs {runs} --figure nothing", "usage"),
+        (f"ur10e --runs {runs} --csv", "usage"),
+        (runs, "file.missing"),
     ):
         assert failure_of(f"history {options}")[1] == code
 
@@ -97,14 +97,14 @@ def test_compare_takes_every_run_after_against(runs):
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
     assert "acw rose" in " ".join(printed("compare", *after, "--against", *before).split())
-    assert failure_of("compare", *after, "--rig", "ur10e-cell", "--against", *before)[1] == "compare.option"
+    assert failure_of("compare", *after, "--rig", "ur10e-cell", "--against", *before)[1] == "usage"
 
 
 def test_options_with_runs_of_a_comparison_take_urls(runs):
     for option in ("--against", "--unseen"):
         assert failure_of(f"compare {runs}/000-acw {option} s3://bucket/runs")[1] in (
             "package.missing",
-            "store.unreadable",
+            "file.unreadable",
         )
 
 

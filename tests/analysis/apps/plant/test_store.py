@@ -79,17 +79,17 @@ def test_damaged_or_earlier_file_is_rebuilt(file, harm, application_id):
 def test_damaged_record_is_refused(file):
     change(file, "update runs set record = '{'")
     assert store.read_records(file) == {}
-    with refused("figures.damaged"):
+    with refused("file.invalid"):
         store.records_of(file, (".", "ur10e"))
 
 
 @pytest.mark.parametrize(
     ("make", "code"),
     [
-        (lambda path: change(path, "create table theirs (x)"), "figures.foreign"),
-        (lambda path: path.write_text("a letter"), "figures.foreign"),
-        (os.mkfifo, "figures.foreign"),
-        (os.mkdir, "figures.unwritable"),
+        (lambda path: change(path, "create table theirs (x)"), "file.invalid"),
+        (lambda path: path.write_text("a letter"), "file.invalid"),
+        (os.mkfifo, "file.invalid"),
+        (os.mkdir, "output.not_writable"),
     ],
 )
 def test_foreign_file_is_left_alone_and_the_next_one_used(tmp_path, make, code):
@@ -101,7 +101,7 @@ def test_foreign_file_is_left_alone_and_the_next_one_used(tmp_path, make, code):
     file, notes = store.prepare_first([path, tmp_path / "cache" / "other.sqlite"])
     assert file.parent.name == "cache" and len(notes) == 1
     assert (path.read_bytes() if path.is_file() else b"") == before
-    with refused("figures.unwritable"):
+    with refused("output.not_writable"):
         store.prepare(Path("/proc/rig") / store.FILE)
 
 

@@ -156,12 +156,12 @@ def test_a_table_of_another_test_or_arm_is_refused(robot, test, tables):
     path = tables("yaw")
     joints, poses = read_corrected_path(path)
     plans = plans_of(load(robot)[0], test, DWELL_S)
-    with refused("targets.other_test"):
+    with refused("table.invalid"):
         compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
 
 
 @pytest.mark.parametrize(
-    ("add_deg", "room_deg", "code"), [(5.0, 4.0, "path.limits"), (60.0, 90.0, "targets.other_test")]
+    ("add_deg", "room_deg", "code"), [(5.0, 4.0, "path.impossible"), (60.0, 90.0, "table.invalid")]
 )
 def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(add_deg, room_deg, code, tables):
     joints, poses = read_corrected_path(tables("yaw"))

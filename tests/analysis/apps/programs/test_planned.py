@@ -71,7 +71,7 @@ def test_other_controllers_switch_the_outputs_that_were_named(dialect, names):
 def test_nothing_is_switched_that_was_not_named():
     rig = rig_with(**SWITCHING)
     for test, outputs in (("repeatability", (9,)), ("yaw", ())):
-        with refused("program.output"):
+        with refused("output.invalid"):
             plans_of(rig, test, 3.0, outputs)
 
 
@@ -81,7 +81,7 @@ def test_an_output_that_the_controller_does_not_have_is_refused(dialect, number)
     plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
     with pytest.raises(FileError, match=str(number)) as refused:
         files_of(dialect, plan)
-    assert refused.value.code == "program.output"
+    assert refused.value.code == "output.invalid"
 
 
 def test_the_lines_that_karel_prints_are_read_by_the_line_feed():
@@ -101,7 +101,7 @@ def test_a_condition_that_karel_cannot_print_is_refused():
     rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
     with pytest.raises(FileError, match="speed_percent") as refused:
         files_of("fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
-    assert refused.value.code == "program.feedback"
+    assert refused.value.code == "usage"
 
 
 def printed(text: str) -> bytes:
@@ -137,7 +137,7 @@ def test_the_program_starts_the_feedback_of_its_maker(dialect, feedback, words):
 def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written():
     tests = shipped()["tests"]
     tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
-    with refused("path.reach"):
+    with refused("path.impossible"):
         plans_of(rig_with(tests=tests), "radial", 3.0)
 
 

@@ -84,20 +84,20 @@ def test_edited_file_is_checked_with_its_line(old, new, said, cell, own):
 def test_other_rig_file_is_refused(cell, own):
     cell.write_text(cell.read_text() + "# changed\n")
     for option in (("--for", "kuka"), ("--status",)):
-        assert failure_of("session", cell, "-o", own, *option)[1] == "session.other_rig_file"
+        assert failure_of("session", cell, "-o", own, *option)[1] == "session.invalid"
 
 
 def test_session_with_a_missing_run_is_refused(cell, tmp_path):
     session, place = begun(cell, tmp_path / "own"), SessionDirectory(tmp_path / "own")
     place.write(session.with_try(0, Try(run="there")))
     for option in (("--for", session.maker), ("--status",)):
-        assert failure_of("session", cell, "-o", place.directory, *option)[1] == "session.run_missing"
+        assert failure_of("session", cell, "-o", place.directory, *option)[1] == "run.missing"
     place.run("there").mkdir(parents=True)
     succeeded(f"session {cell} -o {place.directory} --status")
 
 
 def test_session_of_a_real_cell_is_not_continued_in_an_emulated_one(cell, own):
-    assert failure_of(f"session {cell} -o {own} --for kuka --emulated")[1] == "session.other_cell"
+    assert failure_of(f"session {cell} -o {own} --for kuka --emulated")[1] == "session.invalid"
 
 
 def test_second_session_in_a_directory_is_refused(cell, own):
@@ -109,11 +109,11 @@ def test_second_session_in_a_directory_is_refused(cell, own):
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        ("--status", "session.none"),
-        ("--for kuka --minutes 3", "session.minutes"),
-        ("--for kuka --effects x.yaml", "session.option_unused"),
-        ("--for kuka --fast", "session.option_unused"),
-        ("--for kuka --minutes 60 --entered", "session.no_entries"),
+        ("--status", "session.missing"),
+        ("--for kuka --minutes 3", "usage"),
+        ("--for kuka --effects x.yaml", "usage"),
+        ("--for kuka --fast", "usage"),
+        ("--for kuka --minutes 60 --entered", "controller.invalid"),
     ],
 )
 def test_impossible_option_is_refused(options, code, cell, tmp_path):
@@ -125,7 +125,7 @@ def test_unknown_maker_is_asked_for(cell, tmp_path):
     data = contents(cell)
     data["robot"]["name"] = "arm"
     cell.write_text(yaml.safe_dump(data, sort_keys=False))
-    assert failure_of(f"session {cell} -o {tmp_path}/own")[1] == "session.maker"
+    assert failure_of(f"session {cell} -o {tmp_path}/own")[1] == "maker.unknown"
 
 
 def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
@@ -135,7 +135,7 @@ def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
         raise OSError(28, "full")
 
     monkeypatch.setattr(durable, "create", full)
-    with SessionDirectory(tmp_path / "own") as place, refused("disk.write"):
+    with SessionDirectory(tmp_path / "own") as place, refused("output.not_writable"):
         place.write(session.model_copy(update={"minutes": 9.0}))
     assert SessionDirectory(tmp_path / "own").read() == session
 

@@ -145,7 +145,7 @@ def test_robot_that_never_starts_ends_the_step_and_the_recording(bench):
     cell = Cell(bench, bench.robot("p01-yaw-acw", leaves_s=1e9))
     with pytest.raises(CellError) as error:
         bench.drive(cell)
-    assert (error.value.code, error.value.where) == ("program.not_started", "p01-yaw-acw")
+    assert (error.value.code, error.value.where) == ("robot.refused", "p01-yaw-acw")
     assert _WAIT_S < bench.time.now_s < _WAIT_S + 5
     assert [command for command, _ in cell.requests] == ["record_start", "record_stop"]
 
@@ -153,7 +153,7 @@ def test_robot_that_never_starts_ends_the_step_and_the_recording(bench):
 def test_robot_elsewhere_is_asked_for_its_program(bench):
     away = bench.ways["p01-yaw-acw"].q_deg[500]
     cell = Cell(bench, lambda now_s: away + min(now_s, 5) * np.array([2.0, 0, 0, 0, 0, 0]))
-    with refused("program.not_started"):
+    with refused("robot.refused"):
         bench.drive(cell)
     assert len(bench.screen.lines) == 1 and "p01-yaw-acw" in bench.screen.lines[0] and not cell.requests
 
@@ -164,7 +164,7 @@ def test_silent_gauge_is_reported_once_and_named_at_the_end(bench):
     cell.missing = ["g2"]
     with pytest.raises(CellError) as error:
         cell.drive(bench.steps[0], lambda: None)
-    assert (error.value.code, error.value.where) == ("stream.silent", "g2")
+    assert (error.value.code, error.value.where) == ("robot.silent", "g2")
     assert len(bench.screen.lines) == 1 and "g2" in bench.screen.lines[0]
 
 

@@ -44,7 +44,7 @@ class Cell(ServedCell):
             self.hear(event)
 
     def ended(self) -> CellError:
-        return CellError("rig emulate", "exited unexpectedly", "repeat", code="process.ended")
+        return CellError("rig emulate", "exited unexpectedly", "repeat", code="process.failed")
 
     def stop(self) -> None:
         pass
@@ -85,7 +85,7 @@ def test_refusal_ends_the_session_except_of_a_late_stop(session, tmp_path):
     cell.type_line("stop")
     cell.check()
     cell.answers = {"enter": (CellEvent("refused", "enter x", "error: x: is for a controller of abb"),)}
-    with refused("emulated.refused"):
+    with refused("robot.refused"):
         cell.enter(Path("x"))
     assert not cell.entered
 
@@ -106,12 +106,12 @@ def test_resumed_session_has_new_noise(session, tmp_path):
 def test_cell_that_has_ended_ends_the_session(session, tmp_path):
     cell = cell_at(session, tmp_path)
     cell.runs = False
-    with refused("process.ended"):
+    with refused("process.failed"):
         cell.check()
 
 
 def test_inference_that_fails_or_is_killed_says_so(tmp_path):
-    for kill, code in ((False, "run.missing"), (True, "process.ended")):
+    for kill, code in ((False, "run.missing"), (True, "process.failed")):
         inference = Inference([tmp_path / "none"], [], Path("paper-fanuc"), tmp_path / "found")
         if kill:
             inference._process.kill()  # private: as the system does if there is no memory left

@@ -127,7 +127,7 @@ def test_run_counts_for_the_step_of_its_program(run, tries, left_alone, followin
     assert session.left_alone == left_alone and requests == ["yaw", ACW, following]
 
 
-@pytest.mark.parametrize(("held_up", "code"), [(0, "program.failed"), (2, "computer.delayed")])
+@pytest.mark.parametrize(("held_up", "code"), [(0, "robot.refused"), (2, "computer.unsuitable")])
 def test_third_unusable_run_ends_the_session(held_up, code, at_start, tmp_path):
     with refused(code) as error:
         conduct(at_start, tmp_path, [ProgramRun(f"r{k}", ACW, "g1: 3 silent", held_up) for k in range(3)])
@@ -172,7 +172,7 @@ def test_correction_is_loaded_or_entered_before_the_verification(
 
 def test_unconfirmed_entries_end_the_session(at_start, tmp_path, monkeypatch):
     monkeypatch.setattr(Scripted, "enter", lambda *_: False)
-    with refused("session.not_entered") as error:
+    with refused("controller.invalid") as error:
         conduct(known(at_start).model_copy(update={"correction": BY_ENTRIES}), tmp_path)
     assert error.value.remedy.endswith(" --entered")
 

@@ -227,7 +227,7 @@ def test_recording_needs_a_valid_label(one):
         "test=yaw&direction=acw",
     ):
         answer = one.post("/control/start", f"secret={secret}&{form}")
-        assert (answer.status, json.loads(answer.text)["code"]) == (409, "live.label"), form
+        assert (answer.status, json.loads(answer.text)["code"]) == (409, "usage"), form
     assert one.post("/control/stop", f"secret={secret}").status == 409
     assert one.post("/control/explode", f"secret={secret}").status == 404
     assert one.post("/control/zero", f"secret={secret}").status == 200
@@ -260,5 +260,5 @@ def test_session_continues_by_its_own_command_and_shows_its_lines(tmp_path):
         assert "none.yaml" in controls.session_lines()[-1]
     finally:
         controls.close()
-    with refused("window.no_cell"):
+    with refused("rig_file.invalid"):
         WindowControls(Watcher(no_daemon, None), None, "").do("session", {})

@@ -14,7 +14,7 @@ def test_label_is_read_from_one_line():
     "text", ["", "lap", "lap tap", "lap yaw", "lap yaw up", "lap radial cw", "lap radial up", "lap yaw acw now"]
 )
 def test_wrong_label_is_refused(text):
-    with refused("live.label"):
+    with refused("usage"):
         RecordingLabel.typed(text)
 
 

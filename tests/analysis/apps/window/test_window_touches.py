@@ -62,16 +62,16 @@ def test_moved_zero_is_found_by_touches_and_stored(case):
 def test_a_wrong_touch_is_refused_or_removed(case):
     drawn, folder = case
     with served(folder, control=True) as window:
-        assert _post(window, "touch", joints="1+2+3+4+5+6")["code"] == "moved.not_started"
+        assert _post(window, "touch", joints="1+2+3+4+5+6")["code"] == "session.missing"
         _post(window, "begin", run="before")
-        assert _post(window, "touch", joints="1+2+3")["code"] == "moved.angles"
+        assert _post(window, "touch", joints="1+2+3")["code"] == "request.invalid"
         assert not _post(window, "touch", joints="10+20+30+40+50+60")["ok"]
         assert not _post(window, "touch")["ok"]  # there is no daemon
         q = "%2C+".join(f"{deg:.4f}" for deg in np.degrees(drawn.before[0]))
         assert _post(window, "touch", joints=q)["ok"] and "1 touches" in window.ask("/moved").text
         assert _post(window, "undo")["ok"] and "0 touches" in window.ask("/moved").text
         assert not _post(window, "save")["ok"]
-        assert _post(window, "cancel")["ok"] and _post(window, "undo")["code"] == "moved.not_started"
+        assert _post(window, "cancel")["ok"] and _post(window, "undo")["code"] == "session.missing"
 
 
 def test_recorded_runs_are_compared_in_the_list(case):
@@ -107,8 +107,8 @@ def test_touch_of_a_moving_robot_is_refused(case):
     incomplete = [[0, None, *q[1:].tolist()]]
     for rows, code in (
         (_rows(q, 0.1), "robot.moving"),
-        ([], "robot.no_joints"),
-        (incomplete, "robot.no_joints"),
+        ([], "arm.invalid"),
+        (incomplete, "arm.invalid"),
     ):
         moving = WindowCheck(_Daemon(rows), folder / "runs")
         moving.do("begin", {"run": "before"})

@@ -104,7 +104,7 @@ def test_poses_and_jacobian_are_those_of_screws(name):
     ],
 )
 def test_unsupported_features_of_seven_axes_are_refused(written, what):
-    with refused("rig_file.value"):
+    with refused("rig_file.invalid"):
         parse(f"name: seven\n{load_arm('franka-fr3').text}{written}\n", "seven.yaml")
 
 

@@ -45,12 +45,12 @@ def script(tmp_path):
 @pytest.mark.parametrize(
     ("name", "data", "code"),
     [
-        ("a.txt", b"movej([0,0,0,0,0,0])", "program.unknown"),
-        ("a.dat", b"DEFDAT A\nENDDAT\n", "program.unknown"),
-        ("a.script", b"\x7fELF\x00\x00", "program.encoding"),
-        ("a.ls", "/PROG A".encode("utf-16"), "program.encoding"),
+        ("a.txt", b"movej([0,0,0,0,0,0])", "maker.unknown"),
+        ("a.dat", b"DEFDAT A\nENDDAT\n", "maker.unknown"),
+        ("a.script", b"\x7fELF\x00\x00", "file.invalid"),
+        ("a.ls", "/PROG A".encode("utf-16"), "file.invalid"),
         ("a.mod", b"x" * 10_000_001, "file.too_large"),
-        ("gone.jbi", None, "program.unreadable"),
+        ("gone.jbi", None, "file.unreadable"),
     ],
 )
 def test_other_files_are_refused(name, data, code, tmp_path, cell):
@@ -138,11 +138,11 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ("--tool 1 --program a.script --points computed", "program.frame"),
-        ("--tool 1=1,2 --program a.script --points computed", "program.frame"),
-        ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "program.frame"),
-        ("--frame 1=rig --program a.script --points computed", "program.frame"),
-        ("--start-joints 0,0,0,0,0,0", "program.option"),
+        ("--tool 1 --program a.script --points computed", "program.unclear"),
+        ("--tool 1=1,2 --program a.script --points computed", "program.unclear"),
+        ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "program.unclear"),
+        ("--frame 1=rig --program a.script --points computed", "program.unclear"),
+        ("--start-joints 0,0,0,0,0,0", "usage"),
     ],
 )
 def test_options_of_programs_without_a_value_or_a_program_are_refused(words, code, script, cell):
@@ -170,7 +170,7 @@ def test_programs_of_one_name_are_refused(tmp_path, cell):
         path.parent.mkdir()
         path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     words = ("--program", paths[0], "--program", paths[1], "--points", "computed", "-o", tmp_path / "out")
-    assert failure_of("correct", cell, *words) == (3, "program.twice")
+    assert failure_of("correct", cell, *words) == (3, "program.invalid")
 
 
 def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path, cell):
@@ -178,7 +178,7 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     for words in ((), ("--for", "fanuc")):
         code = failure_of("correct", cell, "--program", path, "--points", "computed", "-o", tmp_path / "out", *words)
-        assert code == (3, "program.other_maker")
+        assert code == (3, "program.unclear")
     assert not (tmp_path / "out").exists()
     done = succeeded(f"correct {cell} --program {path} --points computed -o {tmp_path}/out --for kuka")
     assert "a.src (kuka): 1 target corrected" in done.stdout
@@ -193,7 +193,7 @@ def test_no_program_is_written_without_a_gain(effect, tmp_path, script, cell):
     cell.write_text(extended(load("ur10e-cell")[1], [effect], "cell"))
     out = tmp_path / "out"
     done = ran(f"correct {cell} --program {script} --points computed -o {out} --json")
-    assert done.returncode == 3 and json.loads(done.stderr.splitlines()[-1])["error"]["code"] == "correct.no_gain"
+    assert done.returncode == 3 and json.loads(done.stderr.splitlines()[-1])["error"]["code"] == "correction.impossible"
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert contents(out / "corrections.yaml")["verdict"] == "nothing"
     succeeded(f"correct {cell} --program {script} --points computed -o {tmp_path}/anyway --anyway")

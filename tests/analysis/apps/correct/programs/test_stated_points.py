@@ -51,7 +51,7 @@ def command(cell, *options):
 
 
 def test_program_without_a_statement_is_refused_with_both_calls(cell):
-    assert failure_of(*command(cell)) == (2, "points.unstated")
+    assert failure_of(*command(cell)) == (2, "answer.missing")
     text = errors_of(*command(cell), exit_code=2)
     for kind in ("computed", "taught"):
         assert f"-o {cell.with_name('out')} --points {kind}" in text
@@ -86,7 +86,7 @@ def test_mastered_zeros_are_converted_once(cell):
     assert "XHOME={A1 0, A2 -80.080000, A3 100.150000, A4 -20, A5 80, A6 0}" in text and "converted by rig" in text
     cell.with_name("pick.dat").write_text(text)
     again = command(cell, "--points", "taught", "--since", cell.with_name("values.yaml"))
-    assert failure_of(*again) == (3, "program.already_corrected")
+    assert failure_of(*again) == (3, "correction.repeated")
     cell.with_name("values.yaml").write_text(yaml.safe_dump({"joint_zeros": [{"axis": 1, "add_deg": 0.1}]}))
     cell.with_name("out").rename(cell.with_name("first"))
     succeeded(*again)
@@ -97,17 +97,17 @@ def test_conversion_needs_neither_effects_nor_a_model(cell):
     succeeded(*command(cell, "--points", "taught", "--since", cell.with_name("values.yaml")))
     cell.with_name("out").rename(cell.with_name("first"))
     succeeded(*command(cell, "--points", "taught"))
-    assert failure_of(*command(cell, "--points", "computed")) == (3, "correct.no_effects")
+    assert failure_of(*command(cell, "--points", "computed")) == (3, "correction.impossible")
 
 
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        ("--points computed --since values.yaml", "program.option"),
-        ("--points computed --computed XVIA*", "program.option"),
-        ("--points taught --taught XHOME", "program.option"),
-        ("--points taught --computed XVIAA*", "program.option"),
-        ("--points computed --taught XHOME,P[7]", "program.option"),
+        ("--points computed --since values.yaml", "usage"),
+        ("--points computed --computed XVIA*", "usage"),
+        ("--points taught --taught XHOME", "usage"),
+        ("--points taught --computed XVIAA*", "usage"),
+        ("--points computed --taught XHOME,P[7]", "usage"),
     ],
 )
 def test_statements_that_contradict_or_match_nothing_are_refused(options, code, cell, monkeypatch):
@@ -117,7 +117,11 @@ def test_statements_that_contradict_or_match_nothing_are_refused(options, code, 
 
 @pytest.mark.parametrize(
     ("text", "code"),
-    [("a: 1\n", "points.since"), ("{}", "points.since"), ("controller: {name: kuka, entries: []}\n", "points.since")],
+    [
+        ("a: 1\n", "controller.invalid"),
+        ("{}", "controller.invalid"),
+        ("controller: {name: kuka, entries: []}\n", "controller.invalid"),
+    ],
 )
 def test_file_without_values_is_refused(text, code, cell):
     cell.with_name("values.yaml").write_text(text)
@@ -203,10 +207,10 @@ def test_new_constants_do_not_change_joint_targets(cell):
 def test_calibration_of_another_type_of_arm_is_refused(cell):
     rig, other = load(cell)[0], cell.with_name("other.yaml")
     other.write_text(extended(load("paper-fanuc")[1], list(EFFECTS), "other"))
-    with refused("points.since"):
+    with refused("controller.invalid"):
         points_of(rig, "taught", other)
     other.write_text(load("ur10e-cell")[1])
-    with refused("points.since"):
+    with refused("controller.invalid"):
         points_of(rig, "taught", other)
 
 

@@ -66,7 +66,7 @@ def test_runs_that_measured_no_robot_are_called_so(report, *, emulated, imported
 
 @pytest.mark.parametrize("text", ["x" * 201, "two\nlines", "\x1b[31m"])
 def test_a_field_that_is_no_line_is_refused(text):
-    with refused("report.field"):
+    with refused("output.invalid"):
         PageHead(customer=text).check()
 
 
