@@ -191,7 +191,7 @@ def test_a_diagnosis_in_plain_types_and_as_a_table():
 
 
 def test_a_run_given_twice_is_refused(laps):
-    with refused("run.copied"):
+    with refused("run.copied", "out here, used to fit there"):
         diagnose(laps, hold_out=laps[:1])
 
 
@@ -203,13 +203,13 @@ def test_nothing_is_printed(laps, capfd):
 
 @pytest.mark.parametrize("call", [compare, diagnose, lambda runs: calibrate(runs, "backlash:1")])
 def test_no_runs_are_an_error_of_one_line(call):
-    with refused("argument.invalid"):
+    with refused("argument.invalid", "none is given"):
         call([])
 
 
 def test_missing_pandas_names_the_package(results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with refused("package.missing"):
+    with refused("package.missing", "pandas is not installed"):
         results[0].to_frame()
 
 
@@ -228,7 +228,7 @@ def test_a_path_stands_for_its_run(laps, kept):
         evaluate(laps[0]).figures["band_deg"].value, abs=1e-9
     )
     assert compare(kept).to_dict()["runs"]
-    with refused("argument.invalid"):
+    with refused("argument.invalid", "must be a result of evaluate,"):
         evaluate(kept, like=laps[0])
 
 
@@ -280,7 +280,7 @@ def test_columns_determine_the_test_of_a_table(tmp_path):
     run = read_table(tmp_path / "poses.csv", "ur5")
     assert run.run.manifest.test == "pose" and evaluate(run).figures["rms_mm"].value < 0.2
     (tmp_path / "none.csv").write_text("a,b,c\n1,2,3\n4,5,6\n", encoding="utf-8")
-    with refused("table.unclear"):
+    with refused("table.unclear", "has columns that match none of"):
         read_table(tmp_path / "none.csv", "ur5")
 
 

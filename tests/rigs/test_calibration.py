@@ -142,7 +142,7 @@ def test_wrong_content_is_one_line(case, tmp_path):
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"null"])
 def test_invalid_json_is_one_line(content, tmp_path):
-    with refused("calibration.invalid") as told:
+    with refused("calibration.invalid", "is not a calibration") as told:
         load(_named_as(tmp_path, content))
     assert len(told.value.lines()) == 1
 
@@ -150,7 +150,7 @@ def test_invalid_json_is_one_line(content, tmp_path):
 def test_a_changed_file_is_refused(tmp_path):
     rig_file, beside = written(tmp_path)
     beside.write_text(beside.read_text().replace("-0.4", "-0.5", 1))
-    with refused("calibration.invalid") as told:
+    with refused("calibration.invalid", "differs from that in the rig") as told:
         load(rig_file)
     assert told.value.where == str(beside) and len(told.value.lines()) == 1
 
@@ -159,12 +159,12 @@ def test_special_or_oversized_file_is_refused(tmp_path):
     rig_file, beside = written(tmp_path)
     beside.unlink()
     beside.mkdir()
-    with refused("calibration.missing"):
+    with refused("calibration.missing", "same directory, but cannot be read"):
         load(rig_file)
     beside.rmdir()
     with beside.open("wb") as file:
         file.truncate(100_000_001)
-    with refused("file.too_large") as told:
+    with refused("file.too_large", "MB, the limit for such files") as told:
         load(rig_file)
     assert told.value.where == str(beside)
 
@@ -182,11 +182,11 @@ def test_copy_without_its_calibration_is_refused_where_needed(tmp_path):
     rig_file, beside = written(tmp_path / "here")
     (tmp_path / "there").mkdir()
     copy = Path(shutil.copy(rig_file, tmp_path / "there"))
-    with refused("calibration.missing"):
+    with refused("calibration.missing", "same directory, but cannot be read"):
         load(copy)
     rig = parse(rig_file.read_text(), "cell.yaml")
     assert calibrated_beside(rig, tmp_path / "there") is rig
-    with refused("calibration.missing") as told:
+    with refused("calibration.missing", "which is missing in the directory") as told:
         model_of(rig)
     assert "--rig" in told.value.remedy and len(told.value.lines()) == 1
     assert model_of(rig, ()).effects == ()  # who names the effects needs no calibration

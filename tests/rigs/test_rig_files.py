@@ -63,7 +63,7 @@ def test_hidden_effects_replace_those_of_the_rig_file(tmp_path):
     grown = load_hidden(file).apply_to(rig)
     assert grown.effects == () and grown.tests.circle and grown.tests.circle.eccentricity_mm == (1, 2, 3)
     assert load_hidden(SHIPPED / "paper-errors.yaml").effects == rig.effects
-    with refused("file.missing"):
+    with refused("file.missing", "no such file of effects"):
         load_hidden("ur10-cell")
 
 
@@ -126,7 +126,7 @@ def test_a_section_without_its_tag_names_the_key_of_this_section(old, new, place
 def test_a_workbook_is_no_rig_file(tmp_path):
     with zipfile.ZipFile(tmp_path / "poses.xlsx", "w") as book:
         book.writestr("xl/workbook.xml", "")
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "a workbook or an archive, not"):
         load(tmp_path / "poses.xlsx")
 
 
@@ -160,11 +160,11 @@ def test_huge_number_is_refused_in_short():
 def test_special_or_endless_file_is_not_read(tmp_path):
     large = tmp_path / "large.yaml"
     large.write_bytes(b"#" * 1_000_001)
-    with refused("file.too_large"):
+    with refused("file.too_large", "MB, the limit for such files"):
         load(large)
     os.mkfifo(tmp_path / "fifo")
     for path in ("/dev/zero", tmp_path / "fifo"):
-        with refused("file.invalid"):
+        with refused("file.invalid", "is not a regular file"):
             load(path)
 
 
@@ -398,17 +398,17 @@ def _with(**sections: object) -> str:
 def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback():
     rig = parse(_with(), "tracker")
     assert rig.gauges.recorded == {} and dict(rig.gauges) == {}
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "neither gauges nor feedback to read"):
         streams_of(rig)
 
 
 def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone():
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "add feedback, or remove the gauges"):
         parse(_with(gauges=True), "tracker")
     rig = parse(_with(feedback=True), "touches")
     assert [stream.name for stream in streams_of(rig)] == ["robot"] and rig.gauges.baseline_mm == 0
     automatic = "automatic: {rules: [{test: radial, when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [9, 0, 0, 0, 0, 0]}}]}"
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "requires gauges and feedback"):
         parse(_with(feedback=True) + automatic, "touches")
 
 
@@ -438,7 +438,7 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
     text = shipped()["ur10e-cell"].read_text(encoding="utf-8")
     text = text.replace("tests:\n", "tests:\n  touch: {sockets: [A, B], ball_mm: [0, 0, 120]}\n")
     parse(text, "cell.yaml")
-    with refused("rig_file.invalid") as told:
+    with refused("rig_file.invalid", "has no coordinate of") as told:
         parse(text.replace(written, in_metres), "cell.yaml")
     assert re.search(rf"line \d+, {place}: ", str(told.value))
     parse(text.replace(written, written[: written.index("[")] + "[0, 0, 0]"), "cell.yaml")
@@ -446,6 +446,6 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
 
 def test_a_name_with_capitals_is_refused_in_plain_words():
     _, text = load("ur10e-cell")
-    with refused("rig_file.invalid") as told:
+    with refused("rig_file.invalid", "begins with a letter or digit,") as told:
         parse(text.replace("name: ur10e", "name: My Cell", 1), "cell.yaml")
     assert "'My Cell'" in str(told.value) and "pattern" not in str(told.value)

@@ -76,7 +76,7 @@ def test_wrong_file_or_test_is_named(folder, table, test, expected):
 
 
 def test_non_path_is_refused_in_python():
-    with refused("argument.invalid"):
+    with refused("argument.invalid", "path, but has the type NoneType"):
         load_run(None)
 
 

@@ -56,7 +56,7 @@ def test_command_that_needs_a_cell_names_the_one_with_this_arm(command, tmp_path
 
 
 def test_api_names_the_cell_too():
-    with refused("rig_file.invalid") as refusal:
+    with refused("rig_file.invalid", "needed for yaw, roll, radial, repeatability") as refusal:
         analysis.simulate("ur10e", "radial")
     assert "give ur10e-cell;" in refusal.value.remedy
 
@@ -99,7 +99,7 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig, monkeypatch):
 
 def test_second_cell_in_a_directory_is_refused(tmp_path):
     lock = locked_cell(tmp_path / "cell")
-    with refused("usage"):
+    with refused("usage", "different rig emulate or rig replay"):
         locked_cell(tmp_path / "cell")
     durable.close(lock)
     durable.close(locked_cell(tmp_path / "cell"))

@@ -31,7 +31,7 @@ def test_versions_are_listed_newest_first(robot):
 
 def test_a_folder_of_very_many_files_is_refused(robot, monkeypatch):
     monkeypatch.setattr("analysis.apps.plant.versions._MOST", 1)  # private: ten thousand files take long to write
-    with refused("usage"):
+    with refused("usage", "contains more than"):
         versions(robot[0], robot[0].parent)
 
 

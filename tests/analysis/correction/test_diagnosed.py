@@ -61,25 +61,25 @@ def test_four_targets_of_an_arm_with_four_axes_are_joint_angles():
 
 
 def test_what_would_change_nothing_is_refused(found, tmp_path):
-    with refused("correction.impossible"):
+    with refused("correction.impossible", "has neither a calibration nor effects,"):
         analysis.calibrated_arm(RIG).correct(Q_DEG)
     for call in (
         replace(found, calibrated=None).calibrated_arm,
         lambda: replace(found, calibrated=None).save(tmp_path),
     ):
-        with refused("calibration.missing"):
+        with refused("calibration.missing", "the diagnosis has no calibrated model"):
             call()
-    with refused("argument.invalid"):
+    with refused("argument.invalid", "object, so its text is unknown"):
         replace(found, rig_text="").save(tmp_path)
-    with refused("argument.invalid"):
+    with refused("argument.invalid", "in degrees or poses"):
         found.calibrated_arm().correct(Q_DEG[:, :3])
-    with refused("argument.invalid"):
+    with refused("argument.invalid", "poses, and the targets are joint"):
         found.calibrated_arm().correct(Q_DEG, near=Q_DEG[0])
 
 
 def test_a_table_given_as_a_run_points_at_read_table(tmp_path):
     (tmp_path / "poses.csv").write_text("q1_deg\n1\n")
-    with refused("argument.invalid") as error:
+    with refused("argument.invalid", "and a run is a directory") as error:
         analysis.diagnose(tmp_path / "poses.csv")
     assert "read_table" in error.value.remedy
 

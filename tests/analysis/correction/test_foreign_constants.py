@@ -67,7 +67,7 @@ def test_other_constants_than_those_of_the_diagnosis_are_refused(files, given):
     text = rig_text_of("ur10e")
     _, once, _ = rig_with_controller(parse(text, "cell"), text, files[0])
     after = diagnosed(once)
-    with refused("robot.other"):
+    with refused("robot.other", "yaml calib"):
         rig_with_controller(parse(after, "cell"), after, files[1] if given == "other" else given)
 
 
@@ -91,7 +91,7 @@ def test_constants_that_the_calibrated_links_contradict_are_refused(files):
     ]
     after = extended(text, links, "cell")
     refuse_constants_after_diagnosis(rig_with_controller(parse(after, "cell"), after, files[0])[0], "own.yaml")
-    with refused("robot.other"):
+    with refused("robot.other", "constants are probably those of another"):
         refuse_constants_after_diagnosis(rig_with_controller(parse(after, "cell"), after, files[1])[0], "other.yaml")
 
 
@@ -107,7 +107,7 @@ def test_diagnosis_with_constants_of_another_robot_names_no_fault(fits):
     if fits:
         assert not any("constants" in doubt for doubt in diagnose(run, rig=rig).doubts)
     else:
-        with refused("robot.other"):
+        with refused("robot.other", "its links differ from these constants"):
             diagnose(run, rig=rig)
 
 

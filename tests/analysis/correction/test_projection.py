@@ -214,7 +214,7 @@ def test_correction_of_an_unmeasured_work_area_needs_anyway(tmp_path):
     found = json.loads(done.stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
-    with refused("correction.impossible"):
+    with refused("correction.impossible", "although rig advises against a correction"):
         table = tmp_path / "anyway" / "out" / "corrected-path.csv"
         compensated_plans([], table, _rig("ur10e-cell", []), "rig", anyway=False)
 

@@ -118,7 +118,7 @@ def test_a_table_of_few_postures_asks_for_others(count, postures, plain, tmp_pat
 def test_a_table_without_a_fitting_place_is_refused(tmp_path):
     p, other = measured("ur10e", 10), measured("ur5e", 10)
     written(tmp_path, "ur10e", [*JOINTS, *axes_of("{}1"), *axes_of("{}2")], np.degrees(p.q), other.xyz_mm, other.xyz_mm)
-    with refused("table.unclear"):
+    with refused("table.unclear", "in any reading of the columns,"):
         propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
 
 

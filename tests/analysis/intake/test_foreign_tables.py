@@ -114,7 +114,7 @@ def test_joints_numbered_in_brackets_are_read_and_a_second_joint_column_is_refus
     found = propose_map([path], "ur10e").table_map
     assert found.joints and found.joints.columns == tuple(in_brackets)
     path = with_header(p, ["joint"] * 6 + ["x_mm", "y_mm", "z_mm"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
-    with refused("table.invalid"):
+    with refused("table.invalid", "has two columns joint"):
         propose_map([path], "ur10e")
 
 
@@ -126,7 +126,7 @@ def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path):
     assert [question.key for question in proposal.questions] == []
     assert "far wrong" in proposal.table_map.assumed[0]
     farther = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + 3 * off_deg, p.xyz_mm, tmp_path=tmp_path)
-    with refused("table.unclear"):
+    with refused("table.unclear", "in any reading of the columns,"):
         propose_map([farther], "ur10e")
 
 
@@ -134,7 +134,7 @@ def test_short_table_in_metres_is_refused_with_map_and_command(tmp_path):
     p, names = poses(), [*(f"q{axis}_deg" for axis in range(1, 7)), "x_m", "y_m", "z_m"]
     path = with_header(p, names, np.degrees(p.q), 1e-3 * p.xyz_mm, tmp_path=tmp_path)
     path.write_text("\n".join(path.read_text().splitlines()[:6]) + "\n")
-    with refused("readings.too_few") as told:
+    with refused("readings.too_few", "determine the meaning of the columns") as told:
         propose_map([path], "ur10e")
     written = told.value.remedy.partition("save ")[2].partition(" as MAP.yaml")[0]
     (tmp_path / "MAP.yaml").write_text(written)

@@ -96,7 +96,7 @@ def test_workbook_cells_and_headers_are_no_formulas_or_links():
 
 
 def test_more_rows_than_a_sheet_has_are_refused():
-    with refused("output.invalid"):
+    with refused("output.invalid", "rows, but a sheet can contain"):
         write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 
@@ -145,7 +145,7 @@ def _workbook(dimension: str, rows: str) -> bytes:
 )
 def test_oversized_workbook_is_refused_while_reading(monkeypatch, dimension, rows):
     monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
-    with refused("file.too_large"):
+    with refused("file.too_large", "cells, in the sheet"):
         sheets_of(_workbook(dimension, rows), "book")
 
 
@@ -155,5 +155,5 @@ def test_fully_formatted_sheet_has_only_its_cells():
 
 def test_oversized_workbook_is_not_unpacked(monkeypatch):
     monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
-    with refused("file.too_large"):
+    with refused("file.too_large", "unpacks to more than"):
         sheets_of(_workbook("A1:B2000", _ROWS), "book")

@@ -80,10 +80,10 @@ def test_an_import_that_never_held_its_table(tmp_path):
     ledger = tmp_path / "r" / "ledger.jsonl"
     ledger.write_bytes(ledger.read_bytes().splitlines(keepends=True)[0])
     (tmp_path / "r" / "table-0001.parquet").unlink()
-    with refused("run.in_use"):
+    with refused("run.in_use", "the recording crashed"):
         read_run(tmp_path / "r")
     recover(tmp_path / "r")
     (problem,) = verify(tmp_path / "r")
     assert problem.startswith(f"{tmp_path / 'r'}: ") and "import t.csv" in problem
-    with refused("table.invalid"):
+    with refused("table.invalid", "the table has no rows"):
         measured_of(read_run(tmp_path / "r"))

@@ -79,7 +79,7 @@ def test_hysteresis_is_the_difference_between_directions():
     assert figures["hysteresis_max_deg"].value == pytest.approx(0.1, abs=2e-3)
     assert figures["hysteresis_max_mm"].value == pytest.approx(0.004, abs=5e-4)
     assert figures["hysteresis_mean_mm"].value == pytest.approx(-0.004, abs=2e-4)
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "are cw and acw"):
         direction_pair.pair(other, one)
 
 
@@ -132,7 +132,7 @@ def _table() -> tuple[CircleTable, Rig]:
 
 def test_a_lap_under_the_wrong_label_is_refused_however_the_robot_drove_back():
     table, rig = _table()
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "labelled cw, but the robot moved"):
         laps_of(dataclasses.replace(table, direction="cw"), rig, "t")
 
 
@@ -142,7 +142,7 @@ def test_remounted_ball_is_no_pair_but_a_play_is():
 
     acw = Yaw().evaluate_laps(_lap(_ball("yaw", (0.3, 0.2, 0.0))), 50.0, 0.02, 1e-6)
     elsewhere = Yaw().evaluate_laps(_lap(back(_ball("yaw", (0.6, -0.05, 0.0))), direction="cw"), 50.0, 0.02, 1e-6)
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "cw does not show the hysteresis"):
         direction_pair.pair(acw, elsewhere)
     play = np.where(np.sin(PHI - np.radians(105)) > 0, 0.4, -0.4)[:, None]
     played = Yaw().evaluate_laps(_lap(back(_ball("yaw", (0.3, 0.2, 0.0)) + play), direction="cw"), 50.0, 0.02, 1e-6)

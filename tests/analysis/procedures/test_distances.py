@@ -66,7 +66,7 @@ def test_a_target_that_the_hemisphere_does_not_have_is_refused():
     for test in ("radial", "repeatability"):
         table = simulate(rig, test, None, 1)
         wrong = dataclasses.replace(table, target=np.where(np.arange(len(table.target)) == 4, 38, table.target))
-        with refused("table.invalid"):
+        with refused("table.invalid", "is not one of the"):
             evaluate(wrong, rig, 0.0, "t")
 
 
@@ -103,7 +103,7 @@ def test_nearly_planar_targets_leave_out_undetermined_figures():
 def test_too_few_targets_are_refused():
     rows = TABLE.target <= 5
     part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
-    with refused("readings.too_few"):
+    with refused("readings.too_few", "targets, too few for a sphere"):
         _radial(planted.true_radial(TABLE)[rows], **part)
 
 
@@ -119,7 +119,7 @@ def test_invalid_radial_run_is_refused():
     ):
         with refused(code):
             _radial(**{"g": g} | changes) if "g_mm" not in changes else _radial(changes["g_mm"])
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "mm is impossible"):
         radial.evaluate(planted.with_readings(TABLE, g), 0.0, 0.0005)
 
 

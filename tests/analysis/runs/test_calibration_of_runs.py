@@ -53,11 +53,11 @@ def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_
     (run / FILE).write_bytes((run / FILE).read_bytes() + b" ")
     reading._calibrations.clear()  # private: as above
     assert [line for line in verify(run) if "SHA-256" in line]
-    with refused("calibration.invalid"):
+    with refused("calibration.invalid", "differs from that in the rig"):
         analysis.load_run(run)
     (run / FILE).unlink()
     assert verify(run) == []
-    with refused("calibration.missing"):
+    with refused("calibration.missing", "which is missing in the directory"):
         analysis.compare([analysis.load_run(run)])
 
 

@@ -38,7 +38,7 @@ def test_text_without_a_protocol_is_a_path(text):
     ],
 )
 def test_password_in_a_url_is_refused_and_not_shown(text):
-    with refused("address.invalid") as error:
+    with refused("address.invalid", "key, which others on this computer") as error:
         location(text)
     assert "hidden" not in str(error.value)
 
@@ -72,12 +72,12 @@ def test_error_names_the_url_and_not_the_copy(store):
 
 
 def test_url_without_runs_or_package_is_one_line(store, monkeypatch):
-    with refused("run.missing"):
+    with refused("run.missing", "contains no runs"):
         location("memory://nowhere")
-    with refused("file.unreadable"):
+    with refused("file.unreadable", "Protocol not known"):
         location("nosuch://x")
     monkeypatch.setitem(sys.modules, "sshfs", None)
-    with refused("package.missing"):
+    with refused("package.missing", "Python package that is not installed"):
         location("sftp://h/x")
 
 
@@ -86,7 +86,7 @@ def test_error_of_a_store_hides_secrets(monkeypatch):
         raise RuntimeError("no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now")
 
     monkeypatch.setattr(fsspec.core, "url_to_fs", fail)
-    with refused("file.unreadable") as error:
+    with refused("file.unreadable", "cannot be read") as error:
         location("s3://b/x")
     assert "https://h/x" in error.value.what and "hidden" not in str(error.value)
 
@@ -96,14 +96,14 @@ def test_host_keys_are_checked_for_sftp(monkeypatch):
     monkeypatch.setattr(fsspec.config, "conf", conf)
     monkeypatch.setattr(fsspec.core, "url_to_fs", lambda url: 1 / 0)
     monkeypatch.setitem(sys.modules, "sshfs", sys)
-    with refused("file.unreadable"):
+    with refused("file.unreadable", "division by zero"):
         location("sftp://127.0.0.1:1/x")
     assert conf == {"sftp": {"known_hosts": ()}}
 
 
 def test_cluster_refuses_a_url(store):
     store.pipe("/plant/run/manifest.json", b"{}")
-    with refused("usage"):
+    with refused("usage", "to this computer, where the workers"):
         next(on_cluster(len, [location("memory://plant/run")], "tcp://127.0.0.1:1"))
     assert "share" in errors_of("fleet memory://plant --scheduler tcp://127.0.0.1:1", exit_code=2)
 

@@ -74,7 +74,7 @@ def test_functions_refuse_the_same_run(cell):
         lambda: what_moved_in(rig, [run], [run]),
         lambda: fitting_arm([run, run], [("a", rig), ("b", rig)]),
     ):
-        with refused("run.copied"):
+        with refused("run.copied", "is given twice"):
             call()
 
 
@@ -84,6 +84,6 @@ def test_part_of_a_table_in_another_order_is_the_same_data():
     part = rng.permutation(40)[:10]
     run, subset = pose_run("ur10e", q, xyz_mm, "one"), pose_run("ur10e", q[part] + 2 * np.pi, xyz_mm[part], "two")
     for groups in ({REFERENCE: [run], NEW: [subset]}, {REFERENCE: [subset], NEW: [run]}):
-        with refused("run.copied"):
+        with refused("run.copied", "contains the same readings as"):
             refuse_repeated(groups)
     refuse_repeated({REFERENCE: [run], NEW: [pose_run("ur10e", q, xyz_mm + rng.normal(0, 0.01, (40, 3)), "three")]})

@@ -50,13 +50,13 @@ def _rig_text(interface: str, *, shared: bool) -> str:
 def test_gauges_share_a_port_only_if_one_answer_contains_both(interface):
     text = _rig_text(interface, shared=True)
     if gauge(interface).bus:
-        with refused("rig_file.invalid"):
+        with refused("rig_file.invalid", "use different values"):
             parse(text, "cell")
         return
     if interface in SHARED:
         assert parse(text, "cell").gauges.g2 is not None
         return
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "supports a single gauge per port,"):
         parse(text, "cell")
 
 

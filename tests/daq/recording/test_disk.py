@@ -202,7 +202,7 @@ def test_dropped_samples_are_counted_despite_a_failing_disk(written, monkeypatch
 def test_loss_without_a_following_run_is_logged_and_in_the_status(written, caplog):
     written.round()
     written.deliver(7)
-    with failing(errno.EIO, "pwrite", "fsync"), refused("recording.failed"):
+    with failing(errno.EIO, "pwrite", "fsync"), refused("recording.failed", "free some space or repair the"):
         written.stop()
     assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 7)
     assert written.buffers["g1"].state().counters["dropped"] == 7
@@ -218,7 +218,7 @@ def test_loss_is_counted_if_the_run_closes_after_it_was_abandoned(written):
     with failing(errno.EIO, "pwrite", "fsync"):
         disk.submit(closing.wait)
         written.rounds(1)
-        with refused("recording.none"):
+        with refused("recording.none", "disk and was abandoned, samples missed"):
             written.recorder.stop_run()
     closing.set()
     disk.submit(lambda: None).result()
@@ -380,7 +380,7 @@ def test_slowly_created_run_contains_all_samples_since(written, making, stopped)
     written.rounds(4)  # each would wait for ever, were it to wait for the disk
     state = written.recorder.state()
     assert (state["beginning"], state["waiting"], state["recording"]) == ("next", None, None)
-    with refused("recording.running"):
+    with refused("recording.running", "already running"):
         written.recorder.start_run(_request("other"))
     ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
     assert written.recorder.state().get("closing", False) == stopped
@@ -437,7 +437,7 @@ def test_stop_during_a_refused_start_ends_the_waiting(written, gate, monkeypatch
     written.recorder._round()
     ending = written.recorder.stop_run()
     gate.open()
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "cannot be written"):
         ending.result()
     written.begun()
     assert written.recorder.state()["waiting"] is None
@@ -452,7 +452,7 @@ def test_disk_without_runs_gets_no_further_request(written, making):
         written.recorder.start_run(NEXT)
         ending.append(written.recorder.stop_run())
     written.deliver()
-    with refused("recording.running"):
+    with refused("recording.running", "runs, which were stopped early"):
         written.recorder.start_run(NEXT)
     making.open()
     assert len({end.result().path for end in ending}) == 2

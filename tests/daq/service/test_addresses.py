@@ -44,7 +44,7 @@ def test_for_a_controller_that_speaks_first_private_networks_are_allowed():
 
 
 def test_unknown_name_is_one_line():
-    with refused("address.invalid"):
+    with refused("address.invalid", "Name or service not known"):
         resolved("no-such-host.invalid")
 
 

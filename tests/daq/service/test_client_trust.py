@@ -114,14 +114,14 @@ def test_writable_directory_is_refused_for_a_socket(tmp_path):
     outer.mkdir()
     with answering(outer / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         outer.chmod(0o777)
-        with refused("daemon.refused"), Client(path):
+        with refused("daemon.refused", "outer can be written by other"), Client(path):
             pass
         outer.chmod(0o1777)  # as /tmp: nobody can replace what is another's
         with Client(path) as client:
             assert client.ask("status")["rig"] == "cell"
         outer.chmod(0o700)
         path.chmod(0o666)
-        with refused("daemon.refused"), Client(path):
+        with refused("daemon.refused", "allows every user of this computer"), Client(path):
             pass
 
 
@@ -139,7 +139,7 @@ def test_socket_of_another_user_is_refused(tmp_path):
         with Client(link / "cell.sock") as client:
             assert client.ask("status")["rig"] == "cell"
         os.chown(link, SOMEBODY, SOMEBODY, follow_symlinks=False)
-        with refused("daemon.refused"), Client(link / "cell.sock"):
+        with refused("daemon.refused", "link belongs to a different user"), Client(link / "cell.sock"):
             pass
 
 
@@ -189,7 +189,7 @@ def test_lock_is_in_a_private_directory(tmp_path, mode):
     place = tmp_path / "shared"
     place.mkdir()
     place.chmod(mode)
-    with refused("daemon.refused"):
+    with refused("daemon.refused", "writable for other users, who could"):
         InstanceLock.take("cell", place / "cell.sock")
     assert not list(place.iterdir())
 
@@ -200,7 +200,7 @@ def test_lock_is_in_a_private_directory(tmp_path, mode):
 )
 def test_one_daemon_reads_a_gauge_however_its_port_is_written(port, same):
     first = InstanceLock.take_gauge("g1", port)
-    with refused("port.in_use"):
+    with refused("port.in_use", "reads the gauge at"):
         InstanceLock.take_gauge("g1", same)
     InstanceLock.take_gauge("g1", f"{port}0").release()
     first.release()
@@ -211,7 +211,7 @@ def test_a_serial_port_is_one_under_all_its_names(tmp_path):
     (tmp_path / "tty").write_bytes(b"")
     (tmp_path / "by-id").symlink_to(tmp_path / "tty")
     first = InstanceLock.take_gauge("g1", str(tmp_path / "tty"))
-    with refused("port.in_use"):
+    with refused("port.in_use", "reads the gauge at"):
         InstanceLock.take_gauge("g1", str(tmp_path / "by-id"))
     first.release()
 
@@ -222,6 +222,6 @@ def test_lock_that_is_bound_and_listens_a_moment_later_is_held(monkeypatch):
         first = InstanceLock.take_gauge("g1", "tcp://gauge:1")
     # private: the socket of the lock
     monkeypatch.setattr(clock, "sleep", lambda _: first._socket.listen())
-    with refused("port.in_use"):
+    with refused("port.in_use", "reads the gauge at tcp"):
         InstanceLock.take_gauge("g1", "tcp://gauge:1")
     first.release()

@@ -26,7 +26,7 @@ def test_other_file_in_place_of_the_socket_stays(tmp_path):
     file.write_text("precious")
     folder.mkdir()
     for path in (file, folder):
-        with refused("daemon.refused"):
+        with refused("daemon.refused", "exists already and is not a"):
             ControlServer(path, lambda _: {}).start()
     assert file.read_text() == "precious"
 
@@ -42,7 +42,7 @@ def test_an_error_in_the_program_is_no_mistake_of_who_asked():
 
 def test_a_socket_has_one_daemon(tmp_path):
     lock = InstanceLock.take("cell", tmp_path / "cell.sock")
-    with refused("daemon.busy"):
+    with refused("daemon.busy", "a different rigd"):
         InstanceLock.take("cell", tmp_path / "cell.sock")
     InstanceLock.take("cell", tmp_path / "other.sock").release()
     lock.release()
@@ -60,10 +60,10 @@ def test_hanging_daemon_is_distinguished_from_none(tmp_path, monkeypatch):
         hanging.bind(str(path))
         hanging.listen(0)
         with Client(path) as client:
-            with refused("daemon.silent"):
+            with refused("daemon.silent", "rigd has not answered for"):
                 client.ask("status")
             assert find_socket("hanging") == path
-            with refused("daemon.busy"), Client(path):
+            with refused("daemon.busy", "too many clients are waiting"), Client(path):
                 pass
 
 

@@ -91,7 +91,7 @@ def test_truncated_ledger_is_a_run_without_end(run):
     for count in range(len(lines)):
         (run / "ledger.jsonl").write_bytes(b"".join(lines[:count]))
         assert said(run).startswith("not whole")
-        with refused("run.in_use"):
+        with refused("run.in_use", "the recording crashed"):
             read_run(run)
 
 
@@ -177,7 +177,7 @@ def test_missing_ledger_is_rebuilt_from_the_chunks(run):
 def test_changed_manifest_is_refused_and_restored_from_a_chunk(run):
     before = (run / "manifest.json").read_text()
     (run / "manifest.json").write_text(before.replace('"cw"', '"acw"'))
-    with refused("run.damaged"):
+    with refused("run.damaged", "has changed since the start of"):
         read_run(run)
     assert said(run).startswith("not whole")
     recover(run)
@@ -233,7 +233,7 @@ def test_vanished_file_is_noticed_at_the_next_write_without_loss(tmp_path, name,
         (writer.path / name).unlink()
     writer.append("g1", samples(4, 1, 12))
     writer.append("robot", samples(4, 2, 12))
-    with refused("run.damaged"):
+    with refused("run.damaged", "disappeared during the recording"):
         writer.write()
     writer.close("failed", f"{name} has vanished", {})
     recover(writer.path)
@@ -290,7 +290,7 @@ def test_old_run_with_a_leftover_file_gets_a_complete_ledger(old):
 
 def test_a_manifest_of_a_version_to_come_is_refused(run):
     edit_manifest(run, {"version": 3})
-    with refused("file.invalid"):
+    with refused("file.invalid", "file is from a newer version"):
         read_run(run)
 
 

@@ -44,7 +44,7 @@ def test_run_of_an_external_test_needs_its_package(tmp_path):
     text = manifest.read_text().replace('"yaw"', '"height"')
     manifest.write_text(text)
     for use in (load_manifest, recover):
-        with refused("readings.unsuitable"):
+        with refused("readings.unsuitable", "neither rig nor an installed package"):
             use(manifest.parent)
     assert manifest.read_text() == text
 
@@ -176,7 +176,7 @@ def test_temporarily_unreadable_manifest_is_kept(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "open", refuse)
-        with refused("run.damaged"):
+        with refused("run.damaged", "cannot be recovered"):
             recover(path)
     assert load_manifest(path) == before and verify(path) == []
 
@@ -184,7 +184,7 @@ def test_temporarily_unreadable_manifest_is_kept(tmp_path, monkeypatch):
 def test_lost_manifest_without_a_chunk_is_reported(tmp_path):
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
-    with refused("run.damaged"):
+    with refused("run.damaged", "description of the run are missing"):
         recover(path)
 
 
@@ -208,7 +208,7 @@ def test_kill_9_keeps_all_that_was_synced(tmp_path, lines):
         path = Path(child.stdout.readline().strip())
         for _ in range(lines):
             child.stdout.readline()
-        with refused("run.in_use"):
+        with refused("run.in_use", "is being recorded"):
             recover(path)
         child.kill()
         synced = max(4 * lines, *(int(line) for line in child.stdout if line.endswith("\n")), 0)
@@ -290,10 +290,10 @@ def test_failed_fsync_condemns_the_writer(tmp_path, monkeypatch):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(os, "fsync", broken)
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "cannot be written"):
         write_and_sync(writer)
     monkeypatch.undo()
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "cannot be written"):
         write_and_sync(writer)
     writer.close("failed", "broken", {})
     assert verify(writer.path) == []
@@ -303,11 +303,11 @@ def test_failed_fsync_condemns_the_writer(tmp_path, monkeypatch):
 def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path, monkeypatch):
     writer = record(tmp_path)
     monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "No space left on device"):
         writer.close("complete", "asked", {"g1": {"samples": 12}})
     monkeypatch.undo()
     assert load_manifest(writer.path).exit_status == "failed"
-    with refused("run.in_use"):
+    with refused("run.in_use", "the recording crashed"):
         read_run(writer.path)
     recover(writer.path)
     assert_recovered(writer.path, 12)
@@ -318,7 +318,7 @@ def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path, monkeypat
     writer = record(tmp_path, batches=1, chunk_rows=8)
     writer.append("g1", samples(4, 1, 4))
     monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "No space left on device"):
         sync(writer)
     monkeypatch.undo()
     writer.close("failed", "disk full", {})
@@ -328,7 +328,7 @@ def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path, monkeypat
 
 def test_start_on_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "pwrite", lambda *arguments: refuse(arguments))
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "No space left on device"):
         record(tmp_path)
     assert list(tmp_path.iterdir()) == []
 

@@ -45,7 +45,7 @@ def test_a_manifest_without_a_history_reads_and_is_written_as_before(run):
 
 def test_a_run_that_is_no_circle_any_more_has_no_direction(run):
     assert relabel(run, test="radial").direction is None
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "test needs a direction, which this"):
         relabel(run, test="yaw")
     assert relabel(run, test="yaw", direction="acw").direction == "acw"
     assert len(load_manifest(run).relabelled) == 4
@@ -53,26 +53,26 @@ def test_a_run_that_is_no_circle_any_more_has_no_direction(run):
 
 def test_invalid_label_is_refused_and_changes_nothing(run):
     before = (run / MANIFEST).read_bytes()
-    with refused("request.invalid"):
+    with refused("request.invalid", "test does not have a direction"):
         relabel(run, test="radial", direction="acw")
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "yaw test, which cannot be relabelled"):
         relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
-        with refused("request.invalid"):
+        with refused("request.invalid", "contains control characters"):
             relabel(run, operator=name)
-    with refused("request.invalid"):
+    with refused("request.invalid", "the name has"):
         relabel(run, operator="x" * 201)
-    with refused("request.invalid"):
+    with refused("request.invalid", "placement String should match pattern"):
         relabel(run, placement="a place")
     assert (run / MANIFEST).read_bytes() == before
 
 
 def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path):
     writer = record(tmp_path)
-    with refused("run.in_use"):
+    with refused("run.in_use", "is being recorded"):
         relabel(writer.path, direction="acw")
     path = crash(writer)
-    with refused("run.in_use"):
+    with refused("run.in_use", "the recording crashed"):
         relabel(path, direction="acw")
     recover(path)
     assert relabel(path, direction="acw").exit_status == "recovered"
@@ -84,9 +84,9 @@ def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path):
     run = table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
     write_table_run(run, run.path)
     assert relabel(tmp_path / "lap", test="roll").test == "roll"
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "an imported table with the direction"):
         relabel(tmp_path / "lap", direction="acw")
-    with refused("readings.unsuitable"):
+    with refused("readings.unsuitable", "roll test, which cannot be relabelled"):
         relabel(tmp_path / "lap", test="radial")
 
 
@@ -96,7 +96,7 @@ def test_lines_that_cannot_be_verified_are_not_replaced(run):
     ledger = (run / LEDGER).read_bytes()
     damaged = ledger.replace(b"anna", b"enna", 1)
     (run / LEDGER).write_bytes(damaged)
-    with refused("run.damaged"):
+    with refused("run.damaged", "verified, and continuing would replace them"):
         relabel(run, placement="wall")
     assert (run / LEDGER).read_bytes() == damaged
     recover(run)
@@ -110,7 +110,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run, monkeypatch):
         raise OSError(errno.ENOSPC, "full")
 
     monkeypatch.setattr(durable, "write_at", full)
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "cannot be relabelled"):
         relabel(run, direction="acw")
     monkeypatch.undo()
     assert load_manifest(run).direction == "cw"

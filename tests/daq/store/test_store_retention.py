@@ -53,22 +53,22 @@ def test_damaged_marks_are_reported_and_the_run_stays(run):
     (run / MARKS).write_text('{"kept": "perhaps"}')
     assert ["marks.json" in problem for problem in verify(run)] == [True]
     assert look(run).status == "damaged" and not look(run).may_go and not delete(run)
-    with refused("run.damaged"):
+    with refused("run.damaged", "valid boolean, unable to interpret input"):
         mark_kept(run, True)
 
 
 def test_unmarkable_run_is_reported(run, tmp_path, monkeypatch):
-    with refused("run.missing"):
+    with refused("run.missing", "no such file or directory"):
         mark_kept(tmp_path / "nothing", True)
     writer = record(tmp_path / "open")
-    with refused("run.in_use"):
+    with refused("run.in_use", "is being recorded"):
         mark_exported(writer.path, "csv", Path("a.csv"))
 
     def refuse(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(durable, "replace", refuse)
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "Permission denied"):
         mark_kept(run, True)
     output = tmp_path / "raw.mcap"
     done = ran("export", run, "--to", "mcap", "-o", output)

@@ -53,7 +53,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path, monkeypatch):
     monkeypatch.setattr(daq.store.run_directory, "TO_BEGIN_BYTES", 32 * BLOCK)
     with watched(tmp_path, capacity=1_000_000) as disk:
         writer, rows = start(tmp_path / "runs", 10**9), 0
-        with refused("disk.full"):
+        with refused("disk.full", "disk nearly full"):
             while True:
                 writer.append("g1", samples(40, 1, rows))
                 writer.append("robot", samples(40, 2, rows))

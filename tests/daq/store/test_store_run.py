@@ -111,7 +111,7 @@ def test_synced_rows_are_on_the_disk(tmp_path, monkeypatch):
 def test_recording_run_is_neither_read_nor_recovered(tmp_path):
     writer = record(tmp_path)
     for refuse in (read_run, recover):
-        with refused("run.in_use"):
+        with refused("run.in_use", "is being recorded"):
             refuse(writer.path)
     writer.close("complete", "", {})
     assert_holds(read_run(writer.path), 12)
@@ -119,11 +119,11 @@ def test_recording_run_is_neither_read_nor_recovered(tmp_path):
 
 def test_missing_run_and_manifest(tmp_path):
     for act in (read_run, recover):
-        with refused("run.missing"):
+        with refused("run.missing", "no such file or directory"):
             act(tmp_path / "none")
-    with refused("run.damaged"):
+    with refused("run.damaged", "File name too long"):
         read_run(tmp_path / ("x" * 300))
-    with refused("run.missing"):
+    with refused("run.missing", "contains no run"):
         read_run(tmp_path)
     assert "no run" in verify(tmp_path)[0]
 
@@ -135,7 +135,7 @@ def test_flipped_bit_in_parquet(run):
         data[place] ^= 4
         file.write_bytes(data)
         assert "g1-0002.parquet: has changed" in verify(run)[0]
-        with refused("run.damaged"):
+        with refused("run.damaged", "has changed since the recording"):
             read_run(run)
         data[place] ^= 4
 
@@ -244,13 +244,13 @@ def test_reading_leaves_no_thread_behind(whole):
 
 def test_directory_of_runs_differs_from_a_run_without_manifest(tmp_path):
     path = finished(tmp_path / "runs")
-    with refused("run.missing"):
+    with refused("run.missing", "run but a directory of runs"):
         read_run(path.parent)
     (tmp_path / "empty").mkdir()
-    with refused("run.missing"):
+    with refused("run.missing", "contains no run"):
         read_run(tmp_path / "empty")
     (path / "manifest.json").unlink()
-    with refused("run.damaged"):
+    with refused("run.damaged", "has no manifest"):
         read_run(path)
 
 
@@ -258,13 +258,13 @@ def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path):
     run = tmp_path / "20261124T020526Z_trial-acw"
     run.mkdir()
     for what in (read_run, recover):
-        with refused("run.missing"):
+        with refused("run.missing", "no such file or directory"):
             what(tmp_path / "trial-acw")
     (tmp_path / "20261125T020526Z_trial-acw").mkdir()  # either may be meant
-    with refused("run.missing"):
+    with refused("run.missing", "no such file or directory"):
         read_run(tmp_path / "trial-acw")
     (tmp_path / "trial").touch()
-    with refused("run.missing"):
+    with refused("run.missing", "is a file, not the directory"):
         read_run(tmp_path / "trial")
 
 

@@ -84,6 +84,6 @@ def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path):
 
 
 def test_too_few_touches_are_not_kept(tmp_path):
-    with refused("readings.too_few"):
+    with refused("readings.too_few", "touches were made"):
         record(Served(3), tmp_path)
     assert not (tmp_path / "monday").exists()

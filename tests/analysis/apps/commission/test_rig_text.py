@@ -92,7 +92,7 @@ def test_a_circle_from_one_pose_has_that_pose():
         ("name: x\n", "arm.invalid"),
         ("- 1\n", "arm.invalid"),
         ("robot: [\n", "rig_file.invalid"),
-        ("<robot name='x'/>\n", "arm.urdf"),
+        ("<robot name='x'/>\n", "arm.invalid"),
     ],
 )
 def test_wrong_arm_file_is_refused(tmp_path, text, code):
@@ -106,5 +106,5 @@ def test_an_arm_from_a_file_and_one_that_is_not_there(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text(load("ur10e-cell")[1])
     assert chosen_arm(str(path)).robot == load("ur10e-cell")[0].robot
-    with refused("arm.unknown"):
+    with refused("arm.unknown", "not an arm of the library"):
         chosen_arm("no-such-arm")

@@ -102,14 +102,14 @@ def test_calibration_with_the_same_configuration_changes_nothing(tmp_path):
 
 def test_values_are_refused_without_a_stated_unit(tmp_path):
     rig = with_robot(rig_at(tmp_path), linear_units=None)
-    with refused("controller.invalid"):
+    with refused("controller.invalid", "state the unit of the machine"):
         value_files(rig, {})
 
 
 @pytest.mark.parametrize(("change", "value"), [("linear_units", "mm"), ("linear_units", "inch")])
 def test_values_far_from_the_pins_that_were_read_are_refused(tmp_path, change, value):
     rig = rig_at(tmp_path, "mm" if value == "inch" else "inch")
-    with refused("controller.invalid"):
+    with refused("controller.invalid", "unit or arm differ"):
         value_files(with_robot(rig, **{change: value}), {})
 
 

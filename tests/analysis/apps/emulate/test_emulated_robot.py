@@ -38,7 +38,7 @@ def test_status_follows_commands(robot):
     ("column", "value"), [("speed", "40"), ("safety_state", "9"), ("program_state", "paused"), ("payload_kg", "")]
 )
 def test_impossible_condition_is_refused(robot, column, value):
-    with refused("usage"):
+    with refused("usage", "is not a"):
         robot.show(column, value)
 
 

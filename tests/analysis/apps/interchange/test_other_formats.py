@@ -83,9 +83,9 @@ def test_plays_and_compliances_of_the_rig_file_are_taken():
 def test_friction_is_current_times_torque_for_an_ampere():
     seen = {1: Friction(0.5, 0.1, 4), 3: Friction(0.2, 0.1, 4)}
     assert friction_nm(seen, torques_of("10, 10, 8, 5, 5, 5")) == {1: 5.0, 3: pytest.approx(1.6)}
-    with refused("output.invalid"):
+    with refused("output.invalid", "numbers, but the run shows the"):
         friction_nm(seen, torques_of("10,10"))
-    with refused("output.invalid"):
+    with refused("output.invalid", "a list of torques above zero"):
         torques_of("10,x")
 
 
@@ -108,7 +108,7 @@ def test_xacro_macro_is_the_urdf_with_prefix_and_parent():
 
 def test_a_name_that_xacro_would_compute_is_refused():
     robot = load_arm("ur5e").robot.model_copy(update={"name": "arm ${1 / 0}"})
-    with refused("output.invalid"):
+    with refused("output.invalid", "xacro would evaluate the name"):
         xacro_text(robot, geometric_arm(model_of(changed("ur5e"))), "cell.yaml")
 
 
@@ -137,5 +137,5 @@ def test_frankas_file_has_the_poses_of_the_model():
 
 def test_another_arm_has_no_file_of_franka():
     rig = changed("kuka-lbr-iiwa-14")
-    with refused("output.invalid"):
+    with refused("output.invalid", "the arm do not match kinematics"):
         driver_kinematics(rig.robot, geometric_arm(model_of(rig)), "franka", "cell.yaml")

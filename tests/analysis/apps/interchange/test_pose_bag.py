@@ -81,7 +81,7 @@ def test_joints_are_those_that_the_rig_file_names(bag, rng):
     found = stands(bag, rig_with("ur10-cell", feedback=feedback))
     assert "finger_rad" not in columns(found)
     held(found, truth)
-    with refused("table.invalid"):
+    with refused("table.invalid", "contains fewer than two messages of"):
         stands(bag, rig_with("ur10-cell", feedback=feedback | {"joints": list("abcdef")}))
 
 
@@ -178,7 +178,7 @@ def test_a_database_that_is_no_bag_is_one_line(bag, rng, sql):
 
 
 def test_missing_file_of_a_directory_is_reported(tmp_path):
-    with refused("table.invalid"):
+    with refused("table.invalid", "is a directory with no files"):
         file_of(tmp_path)
 
 
@@ -214,7 +214,7 @@ def test_bag_with_open_log_is_read_once_closed(bag, rng):
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("CREATE TABLE more (id INTEGER)")
     database.commit()
-    with refused("table.invalid"):
+    with refused("table.invalid", "the last messages are still in"):
         file_of(bag)
     database.close()
     held(stands(bag), truth)

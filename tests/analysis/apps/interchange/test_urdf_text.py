@@ -86,13 +86,13 @@ def test_reimported_arm_has_the_same_poses_limits_and_masses(name, rail, tmp_pat
 @pytest.mark.parametrize("name", COUPLED)
 def test_coupled_arm_is_rejected(name):
     rig = changed(name)
-    with refused("output.invalid"):
+    with refused("output.invalid", "different ratio, which a URDF cannot"):
         written(rig)
 
 
 def test_unequal_joint_ratio_is_rejected():
     arm = arm_of(load_arm("ur5e").robot)
-    with refused("output.invalid"):
+    with refused("output.invalid", "different ratio, which a URDF cannot"):
         urdf_text(load_arm("ur5e").robot, replace(arm, coupling=np.diag([1, 1, 1, 1, 2.0, 1])), "cell.yaml")
 
 
@@ -170,11 +170,11 @@ def test_hash_is_the_one_given_by_the_user():
     arm = arm_of(load_arm("ur5e").robot)
     text = ur_driver_text(arm, "cell.yaml", "calib_12788084448423163542")
     assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12788084448423163542"
-    with refused("output.invalid"):
+    with refused("output.invalid", "a valid hash of the driver"):
         ur_driver_text(arm, "cell.yaml", "calib_1\nshoulder: 0")
 
 
 @pytest.mark.parametrize("name", ["abb-irb-120", "kuka-kr-6-r900-2", "staubli-tx2-60"])
 def test_arms_of_other_makers_are_rejected(name):
-    with refused("output.invalid"):
+    with refused("output.invalid", "the arm do not match calibration"):
         ur_driver_text(arm_of(load_arm(name).robot), "cell.yaml")

@@ -103,7 +103,7 @@ def test_a_ball_that_was_not_seated_is_left_out():
 
 def test_rows_of_other_touches_are_refused():
     table = touches()
-    with refused("pair.invalid"):
+    with refused("pair.invalid", "apart, whatever the place of the"):
         fit_pair(pair_of(*rigs(), replace(table, p=np.roll(table.p, 1, axis=0)), "t"))
 
 
@@ -157,7 +157,7 @@ def test_planned_touches_seat_the_ball_within_limits():
 
 
 def test_arms_that_do_not_reach_each_other_are_refused():
-    with refused("pair.invalid"):
+    with refused("pair.invalid", "ball and socket meet in only"):
         plan_touches(*placed_rigs(4000.0), 20, "t")
 
 

@@ -74,9 +74,9 @@ def test_two_programs_of_a_test_have_different_titles(runs, monkeypatch):
 
 
 def test_runs_that_cannot_be_compared_are_refused(runs, tmp_path):
-    with refused("run.copied"):
+    with refused("run.copied", "after here, before there"):
         differences(runs[:2], runs[1:])
-    with refused("runs.not_comparable"):
+    with refused("runs.not_comparable", "no combination of test, direction, placement"):
         differences([dated_run(tmp_path, 0, 0.01, "cw")], runs[:1])
     with pytest.raises(FileError):
         differences([tmp_path / "nowhere"], runs[:1])

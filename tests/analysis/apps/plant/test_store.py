@@ -79,7 +79,7 @@ def test_damaged_or_earlier_file_is_rebuilt(file, harm, application_id):
 def test_damaged_record_is_refused(file):
     change(file, "update runs set record = '{'")
     assert store.read_records(file) == {}
-    with refused("file.invalid"):
+    with refused("file.invalid", "Expecting property name enclosed in double"):
         store.records_of(file, (".", "ur10e"))
 
 
@@ -101,7 +101,7 @@ def test_foreign_file_is_left_alone_and_the_next_one_used(tmp_path, make, code):
     file, notes = store.prepare_first([path, tmp_path / "cache" / "other.sqlite"])
     assert file.parent.name == "cache" and len(notes) == 1
     assert (path.read_bytes() if path.is_file() else b"") == before
-    with refused("output.not_writable"):
+    with refused("output.not_writable", "No such file or directory"):
         store.prepare(Path("/proc/rig") / store.FILE)
 
 

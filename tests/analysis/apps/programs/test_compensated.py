@@ -156,7 +156,7 @@ def test_a_table_of_another_test_or_arm_is_refused(robot, test, tables):
     path = tables("yaw")
     joints, poses = read_corrected_path(path)
     plans = plans_of(load(robot)[0], test, DWELL_S)
-    with refused("table.invalid"):
+    with refused("table.invalid", "this test"):
         compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
 
 

@@ -71,7 +71,7 @@ def test_other_controllers_switch_the_outputs_that_were_named(dialect, names):
 def test_nothing_is_switched_that_was_not_named():
     rig = rig_with(**SWITCHING)
     for test, outputs in (("repeatability", (9,)), ("yaw", ())):
-        with refused("output.invalid"):
+        with refused("output.invalid", "does not fit into"):
             plans_of(rig, test, 3.0, outputs)
 
 
@@ -137,7 +137,7 @@ def test_the_program_starts_the_feedback_of_its_maker(dialect, feedback, words):
 def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written():
     tests = shipped()["tests"]
     tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
-    with refused("path.impossible"):
+    with refused("path.impossible", "of reach or limits, first target"):
         plans_of(rig_with(tests=tests), "radial", 3.0)
 
 

@@ -104,6 +104,6 @@ def test_truth_without_values_of_a_test_is_reported(laps, tmp_path):
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps({"rig": "ur10e", "yaw": {"acw": {"band_deg": 0.1}, "cw": {"band_deg": 0.1}}}))
     (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], tmp_path)
-    with refused("runs.not_comparable"):
+    with refused("runs.not_comparable", "does not cover the radial test"):
         compare([evaluate(load_run(radial))], truth)
     assert [list(one) for one in compare([*laps[:1], evaluate(load_run(radial))], truth)] == [["band_deg"], []]

@@ -135,7 +135,7 @@ def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
         raise OSError(28, "full")
 
     monkeypatch.setattr(durable, "create", full)
-    with SessionDirectory(tmp_path / "own") as place, refused("output.not_writable"):
+    with SessionDirectory(tmp_path / "own") as place, refused("output.not_writable", "cannot be written"):
         place.write(session.model_copy(update={"minutes": 9.0}))
     assert SessionDirectory(tmp_path / "own").read() == session
 

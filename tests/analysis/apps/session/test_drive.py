@@ -153,7 +153,7 @@ def test_robot_that_never_starts_ends_the_step_and_the_recording(bench):
 def test_robot_elsewhere_is_asked_for_its_program(bench):
     away = bench.ways["p01-yaw-acw"].q_deg[500]
     cell = Cell(bench, lambda now_s: away + min(now_s, 5) * np.array([2.0, 0, 0, 0, 0, 0]))
-    with refused("robot.refused"):
+    with refused("robot.refused", "was not started"):
         bench.drive(cell)
     assert len(bench.screen.lines) == 1 and "p01-yaw-acw" in bench.screen.lines[0] and not cell.requests
 

@@ -85,7 +85,7 @@ def test_refusal_ends_the_session_except_of_a_late_stop(session, tmp_path):
     cell.type_line("stop")
     cell.check()
     cell.answers = {"enter": (CellEvent("refused", "enter x", "error: x: is for a controller of abb"),)}
-    with refused("robot.refused"):
+    with refused("robot.refused", "is for a controller of abb"):
         cell.enter(Path("x"))
     assert not cell.entered
 
@@ -106,7 +106,7 @@ def test_resumed_session_has_new_noise(session, tmp_path):
 def test_cell_that_has_ended_ends_the_session(session, tmp_path):
     cell = cell_at(session, tmp_path)
     cell.runs = False
-    with refused("process.failed"):
+    with refused("process.failed", "exited unexpectedly"):
         cell.check()
 
 

@@ -69,16 +69,16 @@ def test_test_with_another_link_is_not_inserted(rig):
 
 
 def test_shortest_session_fits_into_the_time_that_its_refusal_states(rig):
-    with refused("usage") as refusal:
+    with refused("usage", "shortest session of this cell takes") as refusal:
         planned(rig, "faults", 10, BY_HAND, lambda _: None)
     shortest_min = float(re.findall(r"[\d.]+", refusal.value.what)[0])
     assert planned(rig, "faults", shortest_min + 0.1, BY_HAND, lambda _: None)
-    with refused("usage"):
+    with refused("usage", "shortest session of this cell takes"):
         planned(rig, "faults", shortest_min - 0.1, BY_HAND, lambda _: None)
 
 
 def test_a_rig_without_gauges_is_refused():
     bare = parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml")
-    with refused("rig_file.invalid") as refusal:
+    with refused("rig_file.invalid", "have gauges, but a session needs") as refusal:
         planned(bare, "faults", 50, BY_HAND, lambda _: None)
     assert refusal.value.remedy.startswith("measure poses")

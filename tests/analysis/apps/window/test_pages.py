@@ -260,5 +260,5 @@ def test_session_continues_by_its_own_command_and_shows_its_lines(tmp_path):
         assert "none.yaml" in controls.session_lines()[-1]
     finally:
         controls.close()
-    with refused("rig_file.invalid"):
+    with refused("rig_file.invalid", "was started without a cell"):
         WindowControls(Watcher(no_daemon, None), None, "").do("session", {})

@@ -67,7 +67,7 @@ def test_the_same_poses_in_another_order_are_no_repeats():
     run, _ = _run(0, "none")
     table, order = run.table, np.random.default_rng(1).permutation(60)
     shuffled = replace(table, q=table.q[order] + 2 * np.pi, xyz_mm=table.xyz_mm[order])
-    with refused("run.copied"):
+    with refused("run.copied", "is given twice"):
         refuse_copied_rows([(run, USED), (replace(run, table=shuffled), USED)])
     visited_again = replace(shuffled, xyz_mm=shuffled.xyz_mm + np.random.default_rng(2).normal(0, 0.01, (60, 3)))
     refuse_copied_rows([(run, USED), (replace(run, table=visited_again), USED)])

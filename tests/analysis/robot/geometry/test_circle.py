@@ -60,14 +60,14 @@ def test_lap_that_fits_in_no_turn_is_refused():
     rig, _ = load("ur10e-cell")
     axes = (*rig.robot.axes[:5], rig.robot.axes[5].model_copy(update={"limits_deg": (-190.0, 190.0)}))
     narrow = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": axes})})
-    with refused("path.impossible"):
+    with refused("path.impossible", "beyond the limits"):
         circle_laps(narrow, "acw")
 
 
 def test_too_fast_circle_is_refused():
     rig, _ = load("paper-fanuc")
     tests = rig.tests.model_copy(update={"circle": circle_of(rig).model_copy(update={"speed_mm_s": 500.0})})
-    with refused("path.impossible"):
+    with refused("path.impossible", "s, but its limit is"):
         trace(rig.model_copy(update={"tests": tests}), "acw")
 
 

@@ -66,7 +66,7 @@ def test_newton_restarts_from_the_nearest_branch():
 def test_pose_of_another_posture_is_refused():
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
-        with refused("path.impossible"):
+        with refused("path.impossible", "arm changes its posture near pose"):
             follow(arm, np.stack([forward(arm, posture[None])[0], pose]), posture, "path")
 
 
@@ -74,7 +74,7 @@ def test_path_out_of_reach_names_the_place():
     arm = ARMS["ABB IRB 2400/10"]
     poses = np.repeat(forward(arm, START[None]), 100, axis=0)
     poses[:, 0, 3] += np.linspace(0, 3000, 100)
-    with refused("path.impossible"):
+    with refused("path.impossible", "of the arm in every posture"):
         follow(arm, poses, START, "path")
 
 
@@ -83,7 +83,7 @@ def test_joint_limit_on_the_way_is_refused():
     limits = arm.limits.copy()
     limits[3, 1] = np.radians(40)
     _, poses = _path(arm, START, 25)
-    with refused("path.impossible"):
+    with refused("path.impossible", "beyond the limits"):
         follow(replace(arm, limits=limits), poses, START, "path")
 
 
@@ -96,7 +96,7 @@ def test_singular_wrist_names_its_axes():
     q[:, 4], q[:, 3] = np.hypot(tip, beside), np.arctan2(beside, tip)
     q[:, 5] -= q[:, 3]
     assert cancelling_axes(arm, q[100]) == [4, 6]
-    with refused("path.impossible"):
+    with refused("path.impossible", "arm changes its posture near pose"):
         follow(arm, forward(arm, q), q[0], "path")
 
 

@@ -207,10 +207,10 @@ def test_new_constants_do_not_change_joint_targets(cell):
 def test_calibration_of_another_type_of_arm_is_refused(cell):
     rig, other = load(cell)[0], cell.with_name("other.yaml")
     other.write_text(extended(load("paper-fanuc")[1], list(EFFECTS), "other"))
-    with refused("controller.invalid"):
+    with refused("controller.invalid", "FANUC-like elbow arm, uncoupled"):
         points_of(rig, "taught", other)
     other.write_text(load("ur10e-cell")[1])
-    with refused("controller.invalid"):
+    with refused("controller.invalid", "calibration, so the arm is unknown"):
         points_of(rig, "taught", other)
 
 

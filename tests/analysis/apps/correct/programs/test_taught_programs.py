@@ -105,7 +105,7 @@ def test_zero_that_rig_moved_names_is_compensated_without_a_calibration(maker, t
     assert cell.off_mm(program.files, moved_deg=moved_deg).max() < ROUNDED_MM[maker]
     assert program.groups[0].u_mm.max() > 0.01
     (tmp_path / "moved.json").write_text(json.dumps({"causes": [], "named": zero | {"what": "tool"}}))
-    with refused("controller.invalid"):
+    with refused("controller.invalid", "names tool as moved"):
         values_in(bare, tmp_path / "moved.json")
 
 

@@ -181,7 +181,7 @@ def test_condition_and_accuracy_have_a_badge_each(report, condition):
 
 def test_a_report_is_about_one_robot(runs):
     other = load("paper-fanuc")[0]
-    with refused("robot.other"):
+    with refused("robot.other", "e of FANUC-like elbow arm, uncoupled"):
         gather(evaluate_runs([load_run(runs[0])]), other, progress=lambda doing: None)
 
 
@@ -203,7 +203,7 @@ def test_a_full_disk_keeps_the_old_page(report, tmp_path, monkeypatch):
 
     with monkeypatch.context() as disk:
         disk.setattr(os, "pwrite", full)
-        with refused("output.not_writable"):
+        with refused("output.not_writable", "No space left on device"):
             write_page(small, file)
     assert file.read_bytes() == old and list(tmp_path.iterdir()) == [file]
     write_page(small, file)

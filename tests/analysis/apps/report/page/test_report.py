@@ -95,5 +95,5 @@ def test_a_pdf_that_rig_made_is_made_again_and_no_other(tmp_path, monkeypatch):
         write_pdf("<p>", file)
     assert b"%%EOF\n" in file.read_bytes()
     file.write_bytes(b"%PDF-1.7\nWeasyPrint\n%%EOF\n")
-    with refused("output.exists"):
+    with refused("output.exists", "already exists, and was not created"):
         check_pdf_output(file)
