@@ -114,9 +114,14 @@ def _links(tokens: Iterable[Token]) -> Iterable[tuple[Token, str]]:
 
 
 def _target(source: Path, link: str) -> Path | None:
-    """Return the file that a link refers to; None for external addresses and anchors in the same page."""
+    """Return the file that a link refers to, the README.md of a directory that has one; None for external addresses and
+    anchors in the same page.
+    """
     path = link.partition("#")[0]
-    return None if not path or re.match(r"[a-z]+:", path) else (source.parent / unquote(path)).resolve()
+    if not path or re.match(r"[a-z]+:", path):
+        return None
+    target = (source.parent / unquote(path)).resolve()
+    return page if (page := target / "README.md").exists() else target
 
 
 def _targets(source: Path, tokens: Iterable[Token]) -> Iterable[Path]:
