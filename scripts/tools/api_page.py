@@ -33,10 +33,12 @@ print(result.figures["band_deg"])  # value ± standard uncertainty
 result.curve.to_table()  # error over the circle angle, a pyarrow Table
 ```
 
-Names state the unit, in degrees and mm. Arrays without a unit in the name are in radians and mm. `to_table()` returns a
-pyarrow Table, which polars, DuckDB and pandas can read; `to_frame()` of the same classes returns a pandas DataFrame if
-pandas is installed. `to_dict()` returns the content of `--json` as plain types. No function prints, and every expected
-failure is a `RigError` with `code`, `where`, `what` and `remedy` ([error codes](errors.md)).
+`RigFile` is the path of a rig file, or the name of a shipped rig or of an arm in the library. `AnyRun` is a run or the
+path of a run directory. Names state the unit, in degrees and mm. Arrays without a unit in the name are in radians and
+mm. `to_table()` returns a pyarrow Table, which polars, DuckDB and pandas can read; `to_frame()` of the same classes
+returns a pandas DataFrame if pandas is installed. `to_dict()` returns the content of `--json` as plain types. No
+function prints, and every expected failure is a `RigError` with `code`, `where`, `what` and `remedy` ([error
+codes](errors.md)).
 
 This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.
 """
