@@ -46,6 +46,11 @@ _CHOOSERS = ("interface", "effect")
 _LONGEST_DEFAULT = 40
 _SOURCE = "Healthy value"
 """Beginning of the origin of a prior size in the docstring of an effect, for readers of the code."""
+_TABLE_HEAD = """\
+The default of a size or shape is 0 unless stated.
+
+| kind | meaning | keys |
+| --- | --- | --- |"""
 _SIMILAR = 3
 """Number of equal keys from which a section refers to an earlier one instead of listing them."""
 
@@ -76,6 +81,8 @@ class Page:
     """Common keys by that title."""
     written: dict[str, dict[str, Key]] = field(default_factory=dict)
     """Keys by the title of their section."""
+    tables: dict[str, str] = field(default_factory=dict)
+    """Tables of the unions whose keys need no description, by the title of the common keys."""
 
 
 def page() -> str:
@@ -96,13 +103,18 @@ def _sections(root: Model) -> Iterator[str]:
     found = Page(places, {})
     for members in _unions(schema, definitions):
         title = f"{places[members[0]].partition(':')[0]}: all kinds"
-        found.common[title] = _common([keys[name] for name in members])
+        common = found.common[title] = _common([keys[name] for name in members])
         found.unions |= dict.fromkeys(members, title)
+        if not any(one.text for name in members for one in _own(keys[name], common).values()):
+            rows = [_row(name, classes[name], _own(keys[name], common), places) for name in members]
+            found.tables[title] = "\n".join([_TABLE_HEAD, *rows])
     for name in places:
-        if (title := found.unions.get(name)) and title not in found.written:
+        title = found.unions.get(name, "")
+        if title and title not in found.written:
             found.written[title] = found.common[title]
-            yield _text(title, "", "", _items(found.common[title], {}))
-        yield _section(name, classes[name], keys[name], found)
+            yield _text(title, _items(found.common[title], {}), found.tables.get(title, ""))
+        if title not in found.tables:
+            yield _section(name, classes[name], keys[name], found)
 
 
 def _keys(model: Model, schema: Schema, places: dict[str, str]) -> dict[str, Key]:
@@ -163,15 +175,31 @@ def _subclasses(model: Model) -> Iterator[Model]:
 def _section(name: str, model: Model, keys: dict[str, Key], page: Page) -> str:
     place = page.places[name]
     common = page.common.get(page.unions.get(name, ""), {})
-    own = {key: one for key, one in keys.items() if common.get(key) != one}
-    described = " ".join((inspect.getdoc(model) or "").split())
+    own = _own(keys, common)
     also = ""
     if same := _most_similar(own, page.written):
         listed = [key for key in own if page.written[same].get(key) == own[key]]
         also = f"{_names(listed)}: as in [{same}](#{_anchor(same)})."
         own = {key: one for key, one in own.items() if key not in listed}
     page.written[place] = keys
-    return _text(place, described, also, _items(own, common))
+    return _text(place, _described(model), also, _items(own, common))
+
+
+def _own(keys: dict[str, Key], common: dict[str, Key]) -> dict[str, Key]:
+    return {key: one for key, one in keys.items() if common.get(key) != one}
+
+
+def _described(model: Model) -> str:
+    return " ".join((inspect.getdoc(model) or "").split())
+
+
+def _row(name: str, model: Model, keys: dict[str, Key], places: dict[str, str]) -> str:
+    """A table row for a mapping of a union whose keys need no description."""
+    alike: dict[str, list[str]] = {}
+    for key, one in keys.items():
+        alike.setdefault(one.kind.removesuffix(", default `0`"), []).append(key)
+    cell = "; ".join(f"{_names(same)}: {kind}" for kind, same in alike.items())
+    return f"| `{places[name].partition(': ')[2]}` | {_described(model)} | {cell} |"
 
 
 def _most_similar(keys: dict[str, Key], written: dict[str, dict[str, Key]]) -> str:
