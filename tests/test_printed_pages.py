@@ -72,9 +72,10 @@ def test_a_later_page_continues_in_the_directory_of_the_first(docs):
         assert printed_pages.drifted((docs / name).read_text(), outputs) == []
 
 
-def test_a_command_that_fails_is_an_error(docs):
-    with pytest.raises(RuntimeError, match="exit code 2"):
-        printed_pages.printed_by("exit 2", docs)
+@pytest.mark.parametrize("command", ["exit 2", "echo 'Traceback (most recent call last)'; exit 1"])
+def test_a_command_that_fails_is_an_error(command, docs):
+    with pytest.raises(RuntimeError, match="exit code"):
+        printed_pages.printed_by(command, docs)
 
 
 @pytest.mark.cpu_limit(400)

@@ -86,7 +86,7 @@ def printed_by(commands: str, folder: Path) -> str:
         ["bash", "-ec", commands], cwd=folder, env=environment, check=False,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
-    if done.returncode not in (0, VERDICT):
+    if done.returncode not in (0, VERDICT) or "Traceback (most recent call last)" in done.stdout:
         raise RuntimeError(f"{commands}\nexit code {done.returncode}\n{done.stdout}")
     return done.stdout
 
