@@ -9,6 +9,7 @@ WIDTH = 120
 """Columns of a line, as in the hand-written pages and in the source code."""
 _KEPT = ("|", "#", "!", "<")
 """Beginnings of lines that are one element of Markdown: table rows, headings, pictures and HTML."""
+_KEPT_SPACE = "\0"
 
 
 def wrapped(page: str) -> str:
@@ -23,9 +24,11 @@ def wrapped(page: str) -> str:
 
 
 def _wrapped_line(line: str) -> list[str]:
-    """Wrap a line, indented below the text of a list item."""
+    """Wrap a line, indented below the text of a list item, except within code."""
     marker = re.match(r" *(?:- )?", line)
     indent = " " * marker.end() if marker else ""
-    return textwrap.wrap(
-        line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
+    whole = re.sub(r"`[^`]*`", lambda code: code[0].replace(" ", _KEPT_SPACE), line)
+    lines = textwrap.wrap(
+        whole, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
     )
+    return [one.replace(_KEPT_SPACE, " ") for one in lines]
