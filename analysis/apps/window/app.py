@@ -230,15 +230,14 @@ class _Pages:
         if len(shown) != 2:
             raise HTTPException(400, "choose_two")
         pictures, why = self._pictures(shown)
+        waits = self._evaluates(shown) or pictures is None
         first, second = ({figure.name: figure.value for figure in run.figures} for run in shown)
         rows = []
         for name in (name for name in first if name in second):
             u = (first[name].u ** 2 + second[name].u ** 2) ** 0.5
             difference = second[name].value - first[name].value
             rows.append((name, first[name], second[name], difference, difference / u if u > 0 else None))
-        return self._page(
-            request, "compare.html", runs=shown, rows=rows, pictures=pictures or [], why=why, waits=pictures is None
-        )
+        return self._page(request, "compare.html", runs=shown, rows=rows, pictures=pictures or [], why=why, waits=waits)
 
     def moved(self, request: Request) -> Response:
         controls, texts = self._window.controls, report_texts(self._language(request))
@@ -359,13 +358,16 @@ class _Pages:
         return [self._window.shelf.run(name) for name in names]
 
     def _evaluates(self, shown: Sequence[ShelfRun]) -> bool:
-        """Start the evaluation of runs not yet evaluated, as in `rig history`. True while it is in progress."""
-        new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
-        try:
-            made = [self._history(robot) for robot in sorted(new)[:_MOST_ROBOTS]]
-        except RigError:  # the next attempt reports the details
-            return False
-        return None in made
+        """Start the evaluation of runs not yet evaluated, as in `rig history`.
+
+        True while it is in progress, and if it ended after the runs were read: then the page is out of date.
+        """
+        new = [run for run in shown if run.record is None and _is_whole(run)]
+        made = list[Path | None]()
+        for robot in sorted({str(run.about["rig"]) for run in new})[:_MOST_ROBOTS]:
+            with suppress(RigError):  # the next attempt reports the details
+                made.append(self._history(robot))
+        return None in made or (bool(new) and self._window.shelf.has_record_of(new))
 
     def _history(self, robot: str) -> Path | None:
         shelf = self._window.shelf

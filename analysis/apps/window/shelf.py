@@ -95,6 +95,11 @@ class Shelf:
             pass
         raise FileError(name, "is not a run in this directory", "choose a run from the list", code="run.missing")
 
+    def has_record_of(self, runs: Iterable[ShelfRun]) -> bool:
+        """True if the history file now contains one of the runs."""
+        records = read_records(self.directory / FILE)
+        return any(run.name in records for run in runs)
+
     def robots(self) -> list[str]:
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
 

@@ -10,6 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 INSTALL = ROOT / "scripts" / "install"
+SYSTEMD = ROOT / "systemd"
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="not root")
@@ -76,6 +77,39 @@ def test_without_root_it_is_one_line(options, code, says):
     done = subprocess.run([*nobody, INSTALL, *options], capture_output=True, text=True, check=False)
     assert done.returncode == code and not done.stdout
     assert done.stderr.count("\n") == 1 and says in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--root"], "--root needs a directory"),
+        (["--root", "/nonexistent"], "'/nonexistent'"),
+        (["--rot"], "unknown argument '--rot'"),
+        (["--root", "/", "more"], "unknown argument 'more'"),
+    ],
+)
+def test_wrong_argument_of_rig_addresses_is_one_line(options, says):
+    done = subprocess.run([SYSTEMD / "rig-addresses", *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and not done.stdout
+    assert done.stderr.startswith("error: rig-addresses: ") and done.stderr.count("\n") == 1, done.stderr
+    assert says in done.stderr and done.stderr.endswith("; use: rig-addresses [--root DIR]\n")
+
+
+def test_removed_package_leaves_only_drop_ins_of_others(tmp_path):
+    units = tmp_path / "systemd/system"
+    for name, files in {
+        "one": ["addresses.conf"],
+        "two": ["addresses.conf", "own.conf"],
+        "three": ["own.conf"],
+    }.items():
+        (units / f"rigd@{name}.service.d").mkdir(parents=True)
+        for file in files:
+            (units / f"rigd@{name}.service.d" / file).touch()
+    script = (SYSTEMD / "debian/postrm").read_text().replace("/etc/systemd", f"{tmp_path}/systemd")
+    script = script.replace("/run/systemd/system", "/nonexistent")
+    subprocess.run(["sh", "-c", script, "postrm", "remove"], check=True)
+    left = sorted(path.relative_to(units).as_posix() for path in units.rglob("*.conf"))
+    assert left == ["rigd@three.service.d/own.conf", "rigd@two.service.d/own.conf"] and len(list(units.iterdir())) == 2
 
 
 def _pins(lock: str) -> dict[str, str]:

@@ -6,7 +6,7 @@ import re
 import shutil
 import time
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -17,6 +17,7 @@ import pytest
 
 from analysis import load_run
 from analysis.apps.live.view import GaugeReading, LiveView, Update
+from analysis.apps.plant.store import FILE
 from analysis.apps.report.texts import LANGUAGES
 from analysis.apps.session.session_state import SessionDirectory, Try
 from analysis.apps.window import frames
@@ -24,6 +25,7 @@ from analysis.apps.window.app import language_of
 from analysis.apps.window.app import words_of as texts_of
 from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.frames import summary
+from analysis.apps.window.made import OutputStore
 from analysis.apps.window.watcher import Board, Watcher
 from daq.store.marks import load_marks
 from rigs.load import find
@@ -99,6 +101,28 @@ def test_a_run_has_curves_and_figures(one):
     assert "error band" in page.text and "sine amplitude" in page.text
     assert "play_j" not in page.text and "± 0.0000 " not in page.text
     assert one.ask("/runs/good/table.exe").status == 404
+
+
+def test_page_read_just_before_its_figures_were_ready_refreshes_itself(tmp_path, monkeypatch):
+    run = lap_run(tmp_path / "elsewhere", seed=1)
+    for name in "ab":
+        shutil.copytree(run, tmp_path / "runs" / name)
+    get = OutputStore.get
+
+    def wait_for_output(store: OutputStore, words: Sequence[str], runs: Iterable[Path]) -> Path | None:
+        """Every output becomes ready between the reading of the run and the page."""
+        runs = list(runs)
+        while (made := get(store, words, runs)) is None:
+            time.sleep(0.05)
+        return made
+
+    monkeypatch.setattr(OutputStore, "get", wait_for_output)
+    for page in ("/runs/a", "/compare?run=a&run=b"):
+        (tmp_path / "runs" / FILE).unlink(missing_ok=True)
+        with served(tmp_path) as window:
+            assert "refresh" in window.ask(page).text, page
+            complete = window.ask(page).text
+            assert "refresh" not in complete and "error band" in complete, page
 
 
 ROWS = {
