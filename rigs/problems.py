@@ -36,8 +36,8 @@ _PLAIN = {
     "int_parsing": "must be a whole number",
     "int_from_float": "must be a whole number",
     "int_parsing_size": "must be a whole number of ordinary size",
-    "float_type": "must be a number",
-    "float_parsing": "must be a number",
+    "float_type": "must be a number such as 12.5, without quotes or unit",
+    "float_parsing": "must be a number such as 12.5, without quotes or unit",
     "finite_number": "must be a finite number",
     "bool_type": "must be true or false",
     "bool_parsing": "must be true or false",
@@ -104,8 +104,11 @@ def problems_of(
 
 
 def truth_values(data: Any, value: Any, node: yaml.Node | None, place: str = "") -> Iterator[Problem]:
-    """Yield a mistake for each true or false in the data that became a number: Python takes them as 1 and 0."""
-    if isinstance(data, bool) and not isinstance(value, bool) and isinstance(value, int | float):
+    """Yield a mistake for each true, false or quoted text in the data that became a number."""
+    is_quoted = isinstance(data, str) and isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'}
+    if is_quoted and isinstance(value, int | float):
+        yield Problem(node.start_mark.line + 1 if node else 1, place, f"must be a number without quotes, not {data!r}")
+    elif isinstance(data, bool) and not isinstance(value, bool) and isinstance(value, int | float):
         yield Problem(node.start_mark.line + 1 if node else 1, place, f"must be a number, not {str(data).lower()}")
     elif isinstance(data, dict):
         nodes = {key.value: child for key, child in node.value} if isinstance(node, yaml.MappingNode) else {}

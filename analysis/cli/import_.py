@@ -130,7 +130,10 @@ def _refuse(proposal: MapProposal, run: Path, files: Sequence[Path]) -> None:
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
 def import_(
     tables: Annotated[
-        list[Path], typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or bags of ROS 2: docs/tables.md.")
+        list[Path],
+        typer.Argument(
+            metavar="TABLE…", help="CSV, Parquet, npz, JSON lines, workbooks, bags of ROS 2: docs/tables.md."
+        ),
     ],
     rig_file: Annotated[str, rig_option("Rig file, or the name of a shipped rig or of an arm in the library.")],
     output: Annotated[

@@ -7,7 +7,8 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from analysis.intake.imports import poses_of_controller
-from analysis.intake.read import header_names, read_file, read_head
+from analysis.intake.read import read_file
+from analysis.intake.table_files import header_names, read_head
 from analysis.robot.description.controller_constants import (
     ControllerConstants,
     constants_from_poses,

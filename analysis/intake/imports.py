@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.intake.column_groups import count_places, groups_of
+from analysis.intake.converted import csv_of
 from analysis.intake.map_proposal import MapProposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by, with_joints
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
-from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
+from analysis.intake.read import check_sequence, read_file
 from analysis.intake.readers import reader_of
+from analysis.intake.table_files import cut_off_doubts, header_names, read_head, read_text, read_whole
 from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, FileLayout, MappedColumn, TableMap, map_text
 from analysis.intake.table_problems import Problems
 from analysis.intake.table_reading import likely_angles
@@ -72,7 +74,7 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
 
     socket: of all rows; empty if a column contains it or the rig file has only one.
     """
-    raw, layout = _raw_table(read_whole(path), str(path))
+    raw, layout = _raw_table(read_text(path), str(path))
     optional = [name for name in format_of(test).layout(len(rig.robot.axes)).optional if name in raw.names]
     joints = _joints(raw, rig, set(optional))
     columns = {name: MappedColumn(column=name) for name in optional}
@@ -186,7 +188,7 @@ def _propose(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Ma
     _refuse_rail(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
-        data, chosen, _ = _text_of_bag(read_whole(path), str(path), rig, topic)
+        data, chosen, _ = _text_of_file(read_whole(path), str(path), rig, topic)
         sheet = ""
         if is_workbook(data):
             sheets = sheets_of(data, str(path))
@@ -202,15 +204,16 @@ def _propose(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Ma
     return propose(raw, layouts, join, rig), raw
 
 
-def _text_of_bag(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
-    """Table of the stationary poses in a bag, the topic and the doubts; other files unchanged."""
+def _text_of_file(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
+    """Table of the stationary poses in a bag, the topic and the doubts; tables in other formats as CSV."""
     if reader := reader_of(data):
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
         problem = f"applies only to bags, and {where} is not a bag"
         raise UseError("--topic", problem, "remove it")
-    return data, "", ()
+    text = csv_of(data, where)
+    return text, "", cut_off_doubts(text)
 
 
 def _refuse_rail(rig: Rig, where: str) -> None:
@@ -238,7 +241,7 @@ def read_mapped(
     _refuse_rail(rig, where)
     texts, doubts = list[tuple[Path, bytes]](), list[str]()
     for path, content, layout in zip(files, data, table_map.files, strict=True):
-        text, _, of_file = _text_of_bag(content, str(path), rig, layout.topic)
+        text, _, of_file = _text_of_file(content, str(path), rig, layout.topic)
         texts.append((path, text))
         doubts += of_file
     raw, left_out = read_files(texts, table_map.files, table_map.join)
@@ -322,7 +325,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
         )
     if any(name.lower() == SOCKET for name in names):
         return next(filter(_is_of_touches, TESTS))
-    raw, _ = _raw_table(read_whole(source), where)
+    raw, _ = _raw_table(read_text(source), where)
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
     if groups.joints and groups.seen:
         return MAPPED

@@ -21,7 +21,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from analysis.intake.converted import csv_of
 from analysis.intake.readers import reader_of
+from analysis.intake.table_files import cut_off_doubts, read_whole
 from analysis.intake.table_map import MAPPED, TO_UNIT
 from analysis.intake.table_problems import Problems, TableFileError, TableProblem, quoted
 from analysis.procedures.stops import target_count
@@ -46,12 +48,12 @@ from analysis.runs.tables import (
 from analysis.runs.written_files import as_it_was
 from daq.store.chunk import ColumnType, table_schema
 from rigs.errors import FileError
-from rigs.files import read_bytes, read_from
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, Direction, TestName, direction_of
 from rigs.text import as_argument, enumerated
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_NONZERO = re.compile(r"[+-]?[0.]*[1-9]")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
 """Characters of plain numbers. For texts limited to these, float() and `value` agree on validity."""
@@ -89,6 +91,8 @@ def value(column: str, text: str) -> Value:
             problem = f"written with a decimal comma; write {text.replace(',', '.')}"
         raise ValueError(f"{quoted(text)} is {problem}")
     number = float(text)
+    if number == 0 and _NONZERO.match(text):
+        raise ValueError(f"{quoted(text)} is too small for a number; write 0 if that is meant")
     if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
@@ -102,7 +106,8 @@ def numbers(texts: Sequence[str]) -> Array | None:
         parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except ValueError:
         return None
-    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST else None
+    is_too_small = any(_NONZERO.match(texts[row].strip()) for row in np.flatnonzero(parsed == 0))
+    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST and not is_too_small else None
 
 
 _BATCH_CELLS = 100_000
@@ -299,7 +304,6 @@ def _stem(name: str) -> str:
 _BEGINNINGS = (
     (b"\xff\xfe", "is UTF-16", "save the file as UTF-8"),
     (b"\xfe\xff", "is UTF-16", "save the file as UTF-8"),
-    (b"PAR1", "is a Parquet file", "give the table as CSV"),
     (
         b"#ROSBAG",
         "is a bag of ROS 1",
@@ -357,7 +361,6 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     )
 
 
-MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
 """Maximum size of a table, which takes some 0.5 GB: half an hour at 1 kHz has 16 million cells."""
 
@@ -370,7 +373,7 @@ class TableFile:
     table: pa.Table
     """Known columns as double, int64 or words, extra ones as text."""
     doubts: tuple[str, ...] = ()
-    """Remarks on a bag."""
+    """Remarks on a bag, or on a file that may be cut off."""
 
 
 def read_file(
@@ -383,7 +386,8 @@ def read_file(
     """
     data = read_whole(path)
     has_direction = "direction" in format_of(test).layout().required
-    text, doubts = data, tuple[str, ...]()
+    text = csv_of(data, str(path))
+    doubts = cut_off_doubts(text)
     if reader := reader_of(data):
         if not has_direction:
             problem = "is a bag, from which circles are read, and poses by a map"
@@ -455,41 +459,6 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
         )
     renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *MEASURED), strict=True))
     return [renamed.get(name, name) for name in names]
-
-
-def read_whole(path: Path) -> bytes:
-    try:
-        return read_bytes(path, MOST_BYTES)
-    except IsADirectoryError:
-        raise FileError(
-            str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it", code="file.invalid"
-        ) from None
-    except OSError as error:
-        raise FileError.of_os(path, error, "check the path and the permissions", code="file.unreadable") from None
-    except FileError:
-        if path.is_file() and path.stat().st_size > MOST_BYTES:
-            head = read_from(path, 0, _HEAD_BYTES)[0]
-            if (reader := reader_of(head)) and (remedy := reader.size_remedy(head)):
-                raise FileError(
-                    str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy, code="file.too_large"
-                ) from None
-        raise
-
-
-_HEAD_BYTES = 100_000
-"""Number of bytes at the start of a file that contain any header and the signature of a bag."""
-
-
-def read_head(path: Path) -> bytes:
-    try:
-        return read_from(path, 0, _HEAD_BYTES)[0]
-    except (OSError, FileError):
-        return read_whole(path)[:_HEAD_BYTES]  # raises the error with the reason
-
-
-def header_names(head: bytes) -> set[str]:
-    line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
-    return {name.strip().strip('"') for name in line.split(",")}
 
 
 def _require_text(where: str, data: bytes) -> None:

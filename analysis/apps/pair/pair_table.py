@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
-from analysis.intake.read import read_whole
+from analysis.intake.table_files import read_text
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.tables import joint_columns, second_joint_columns
 from rigs.errors import FileError
@@ -47,7 +47,7 @@ class PairTable:
 
 def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
     where = str(path)
-    lines, text_layout = text_of(read_whole(path), where)
+    lines, text_layout = text_of(read_text(path), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
     q = _angles(raw, joint_columns(MOST_AXES), len(first.robot.axes), first.name, may_be_empty=False)
     p = _angles(raw, second_joint_columns(MOST_AXES), len(second.robot.axes), second.name, may_be_empty=True)

@@ -18,7 +18,8 @@ from analysis.correction.corrected_targets import CorrectedTargets
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import ANYWAY, require_usable_model, why_nothing
 from analysis.correction.work import posture_limits
-from analysis.intake.read import MOST_BYTES, value
+from analysis.intake.read import value
+from analysis.intake.table_files import MOST_BYTES
 from analysis.intake.table_problems import TableFileError, TableProblem
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward, roll_pitch_yaw, transforms
 from analysis.robot.kinematics.joint_limits import turned_into

@@ -3,7 +3,8 @@ import re
 import pytest
 
 from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
-from analysis.intake.read import MOST_BYTES, parse_csv, read_file
+from analysis.intake.read import parse_csv, read_file
+from analysis.intake.table_files import MOST_BYTES
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.refusals import refused

@@ -14,6 +14,7 @@ import pytest
 import typer
 
 import analysis.intake.read
+import analysis.intake.table_files
 from analysis import cli
 from analysis.intake.read import read_file
 from daq.store import RunWriter, chunk, new_manifest, read_run, recover, verify
@@ -90,7 +91,7 @@ def test_a_table_has_an_end(tmp_path, monkeypatch):
     table.write_text(",".join(f"c{number}" for number in range(5000)) + "\n")
     with pytest.raises(FileError, match="5000 columns"):
         read_file(table, "pose", paper)
-    monkeypatch.setattr(analysis.intake.read, "MOST_BYTES", 1000)
+    monkeypatch.setattr(analysis.intake.table_files, "MOST_BYTES", 1000)
     with pytest.raises(FileError, match=r"0\.001 MB"):
         read_file(table, "pose", paper)
 
