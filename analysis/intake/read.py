@@ -106,7 +106,7 @@ def numbers(texts: Sequence[str]) -> Array | None:
         parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except ValueError:
         return None
-    is_too_small = any(_NONZERO.match(texts[row].strip()) for row in np.flatnonzero(parsed == 0))
+    is_too_small = any(_NONZERO.match(texts[row].strip()) for row in np.flatnonzero(parsed == 0).tolist())
     return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST and not is_too_small else None
 
 
