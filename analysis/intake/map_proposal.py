@@ -23,6 +23,7 @@ from analysis.intake.column_groups import (
 from analysis.intake.mapped import MappedPoses, poses_of, radians, with_joints
 from analysis.intake.raw_table import RawTable
 from analysis.intake.table_map import (
+    ANGLE_UNITS,
     TO_DEG,
     TO_MM,
     Angles,
@@ -48,9 +49,19 @@ from analysis.intake.table_reading import (
     likely_angles,
     plausibility_key,
     possible_units,
+    searched_readings,
     separate_places,
 )
-from analysis.procedures.checks.columns import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, fit_nearest, right_mm
+from analysis.procedures.checks.columns import (
+    AS_WELL,
+    CLEARLY,
+    FEWEST,
+    HOMED,
+    MOST_ZERO_DEG,
+    RIGHT_MM,
+    fit_nearest,
+    right_mm,
+)
 from analysis.procedures.checks.places import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
@@ -280,9 +291,16 @@ def _map_places(
     least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
     rivals = [candidate for candidate in others if candidate[0].share < CLEARLY * least]
     disagrees = "the header or the order of the columns disagrees with the arm; which is correct?"
+    if best.value.joints.zeros_deg:
+        disagrees = "the joints fit the arm only from other zeros; does only the table count so?"
+        if homed := best.remedy.partition(HOMED)[2]:
+            disagrees += f" If the arm itself was homed there, do not import, but {homed}"
     fit = "more than one reading fits the arm; which is correct?"
     stated = [overruled] if overruled else []
-    _ask_keys(judge, [candidates[0], *rivals, *stated], disagrees if overruled else fit)
+    asked = [candidates[0], *rivals]
+    # Zeros of the arm itself are faults, which an assumed map would hide: as named comes first.
+    asked = [*stated, *asked] if HOMED in best.remedy else [*asked, *stated]
+    _ask_keys(judge, asked, disagrees if overruled else fit)
     named = next((layout.topic for layout in judge.layouts if is_of_controller(layout.topic)), "")
     if residual is None and candidates[0][0] is best and best.left < _SMALL_MM * best.share:
         best = _check_small_motion(judge, candidates[0])
@@ -314,9 +332,15 @@ def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[Tabl
         remedy = "give measurements with a different place of target or instrument as separate files, one run each"
         raise FileError(judge.raw.where, problem, remedy, code="table.unclear")
     nominal = f"{right_mm(best.left / best.share) if best.share else RIGHT_MM:.3g} mm over these places"
+    if judge.zeros:
+        judge.assumed.append(f"{best.line()}; {judge.zeros}: these zeros of the arm are far wrong; diagnose the run")
+        return
     if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
         problem = f"does not fit the arm of the rig file, in any reading of the columns, to {nominal}; {best.line()}"
-        remedy = "check that the rig file belongs to the arm; otherwise write a map by hand (--map)"
+        remedy = (
+            "no order, signs, zeros or usual units of the columns fit either: check that the rig file belongs to the "
+            "arm; otherwise write a map by hand (--map)"
+        )
         raise FileError(judge.raw.where, problem, remedy, code="table.unclear")
     judge.assumed.append(
         f"{best.line()}; the nominal constants of an arm leave at most {nominal}; no reading "
@@ -432,12 +456,30 @@ def _with_alternatives(
         ways = [way for way in ways if not way[0].remedy]
     read = [(replace(way, words=f"{named}, with {way.words}"), pose) for way, _, named, pose in ways]
     if not read or not read[0][0].fits:
-        return None, [*candidates, *read]
+        searched, as_named = _searched(judge, joints, seen)
+        return (as_named, [*searched, *candidates]) if searched else (None, [*candidates, *read])
     best, base, named, pose = ways[0]
     if best.remedy:
         problem = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
         raise FileError(judge.raw.where, problem, best.remedy, code="table.unclear")
     return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
+
+
+def _searched(
+    judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
+) -> tuple[list[tuple[TableReading, PlaceColumns]], tuple[TableReading, PlaceColumns] | None]:
+    """Readings in other units, or with other signs and zeros of several joints, and the reading as named."""
+    for pose, angles, lengths, named in in_each_unit(joints, seen, angle_units=(*TO_DEG,)):
+        base = judge.map_of(angles, lengths)
+        as_named = judge.reading(base, named, _STEPS)
+        if as_named.fits:
+            return [(as_named, pose)], None
+        if found := searched_readings(judge.raw, judge.bare, base):
+            if found[0].value.joints.has_small_zeros(MOST_ZERO_DEG):
+                judge.zeros = f"with {found[0].words} they fit to {found[0].left:.2g} mm"
+                return [], None
+            return [(replace(way, words=f"{named}, with {way.words}"), pose) for way in found], (as_named, pose)
+    return [], None
 
 
 def _turns(seen: PlaceColumns) -> list[TurnColumns]:
@@ -446,7 +488,7 @@ def _turns(seen: PlaceColumns) -> list[TurnColumns]:
         if reading.form in ("quaternion", "matrix"):
             turns.append(TurnColumns(columns=reading.columns, form=reading.form))
         else:
-            for unit in possible_units(seen.turn_unit, TO_DEG, TO_DEG):
+            for unit in possible_units(seen.turn_unit, TO_DEG, ANGLE_UNITS):
                 turns.append(TurnColumns(columns=reading.columns, form=reading.form, unit=unit))
     return turns
 

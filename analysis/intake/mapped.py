@@ -111,7 +111,7 @@ def turn_of(raw: RawTable, turn: TurnColumns, problems: Problems) -> Rotation:
 def radians(raw: RawTable, angles: Angles, problems: Problems | None = None) -> Array:
     values = np.radians(raw.numbers(angles.columns, problems) * angles.factors)
     backwards = np.isin(np.arange(1, len(angles.columns) + 1), angles.reversed)
-    return values * np.where(backwards, -1.0, 1.0)
+    return values * np.where(backwards, -1.0, 1.0) + np.radians(angles.zeros_deg or 0.0)
 
 
 def _millimetres(raw: RawTable, lengths: Lengths, problems: Problems) -> Array:

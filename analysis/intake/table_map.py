@@ -30,7 +30,14 @@ Separator = Literal["comma", "semicolon", "tab", "bar", "blanks"]
 SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blanks": " "}
 AngleUnit = Literal["deg", "rad"]
 TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "in": 25.4}
-TO_DEG: dict[str, float] = {"deg": 1.0, "rad": 57.29577951308232}
+ANGLE_UNITS = ("deg", "rad")
+TO_DEG: dict[str, float] = {
+    "deg": 1.0, "rad": 57.29577951308232, "gon": 0.9, "turn": 360.0, "1/1024 turn": 360 / 1024,
+    "1/4096 turn": 360 / 4096, "1/16384 turn": 360 / 16384, "1/65536 turn": 360 / 65536, "300/1024 deg": 300 / 1024,
+}  # fmt: skip
+"""Units of joints, usual ones first. Counts are those of magnetic encoders of 10 to 16 bits, and of servos of the
+Dynamixel X and Feetech STS (4096 a turn) and Dynamixel AX series (1024 over 300°).
+"""
 TO_UNIT: dict[str, dict[str, float]] = {
     "deg": TO_DEG,
     "mm": TO_MM,
@@ -90,6 +97,20 @@ class Angles(ColumnsWithUnit):
     known_units = TO_DEG
     reversed: Annotated[tuple[Annotated[int, Field(ge=1, le=16)], ...], Field(max_length=16)] = ()
     """Axes, from 1, with a sense opposite to the rig file."""
+    zeros_deg: Annotated[tuple[float, ...], Field(max_length=16)] = ()
+    """Angles to add to the axes after that, if the columns count from other zeros than the rig file; empty for none."""
+
+    def has_small_zeros(self, most_deg: float) -> bool:
+        """True if only zeros up to this size differ from the rig file."""
+        return bool(self.zeros_deg) and not self.reversed and max(map(abs, self.zeros_deg)) <= most_deg
+
+    @model_validator(mode="after")
+    def _check_zeros(self) -> Self:
+        if self.zeros_deg and len(self.zeros_deg) != len(self.columns):
+            raise ValueError(
+                f"zeros_deg has {len(self.zeros_deg)} values; give {len(self.columns)}, one for each column"
+            )
+        return self
 
 
 class Lengths(ColumnsWithUnit):

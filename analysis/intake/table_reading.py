@@ -19,7 +19,7 @@ import numpy as np
 from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns
 from analysis.intake.mapped import poses_of
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import TO_DEG, TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, Unit
+from analysis.intake.table_map import ANGLE_UNITS, TO_DEG, TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, Unit
 from analysis.intake.table_problems import TableFileError
 from analysis.procedures.checks.columns import (
     AS_WELL,
@@ -30,6 +30,7 @@ from analysis.procedures.checks.columns import (
     left_mm,
     meanings,
     right_mm,
+    searched_meanings,
 )
 from analysis.procedures.checks.places import PlaceSource, source_of
 from analysis.procedures.shared.test_kind import Meaning
@@ -94,6 +95,8 @@ class Judge:
     checked: list[str] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
+    zeros: str = ""
+    """Zeros of the arm within the range of a diagnosis that explain why no reading fits."""
 
     def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **keys: Any) -> TableMap:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
@@ -123,6 +126,9 @@ def spread_of(places: Array) -> float:
 
 _FIRST_STEPS, _ALL_STEPS, _BEST = 8, 60, 6
 """Number of optimiser steps for screening and for the best candidates, and number of these candidates."""
+_LEAST_TRAVEL, _MOST_TRAVEL = np.radians(20.0), np.radians(1080.0)
+"""Travel of the joint that moves most. Chosen: with less, hardly any reading is refuted; no arm winds up farther."""
+_ZERO_DIGITS = 2
 _ALIKE = 4.0
 """Largest ratio between the spread of the places and of the flange; a larger ratio means a wrong unit."""
 _FIRST, _PARTS = 0.4, 4
@@ -162,6 +168,32 @@ def alternative_readings(raw: RawTable, bare: Arm, base: TableMap) -> list[Table
     best = [judged(ways[k], _ALL_STEPS) for k in order.tolist()]
     closest = min(way.share for way in best)
     return sorted(best, key=lambda way: plausibility_key(way, closest))
+
+
+def searched_readings(raw: RawTable, bare: Arm, base: TableMap) -> list[TableReading]:
+    """Readings of the joints with other signs and zeros of several axes, simplest first; empty if none fits."""
+    q, xyz_mm = _measured_rows(raw, base)
+    if base.joints is None or not _is_plausible(bare, q, xyz_mm):
+        return []
+    found = []
+    for meaning, mm in searched_meanings(bare, q, xyz_mm):
+        backwards = tuple((np.flatnonzero(np.diag(meaning.matrix) < 0) + 1).tolist())
+        zeros_deg = tuple(np.degrees(meaning.offset).round(_ZERO_DIGITS).tolist()) if meaning.offset.any() else ()
+        joints = base.joints.model_copy(update={"reversed": backwards, "zeros_deg": zeros_deg})
+        table_map, share = base.model_copy(update={"joints": joints}), mm / spread_of(xyz_mm)
+        found.append(TableReading(table_map, mm, "mm", meaning.words, share, meaning.mistakes, meaning.remedy))
+    return found
+
+
+def _is_plausible(bare: Arm, q: Array, xyz_mm: Array) -> bool:
+    """True if joints and places have the extent of such an arm, as they have in the right units."""
+    if len(q) < FEWEST:
+        return False
+    travel = np.ptp(q, axis=0).max()
+    if not _LEAST_TRAVEL < travel < _MOST_TRAVEL:
+        return False
+    apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])
+    return bool(1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE)
 
 
 def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
@@ -207,13 +239,18 @@ def _plain(number: float) -> str:
 
 
 def in_each_unit(
-    joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], units: Sequence[str] = LENGTHS, *, stated: bool = True
+    joints: Sequence[ColumnGroup],
+    seen: Sequence[PlaceColumns],
+    units: Sequence[str] = LENGTHS,
+    *,
+    angle_units: Sequence[str] = ANGLE_UNITS,
+    stated: bool = True,
 ) -> Iterator[tuple[PlaceColumns, Angles, Lengths, str]]:
     """All joints and places in all possible units, with words. stated: trust the units of the file."""
     for group, pose in product(joints, seen):
         if set(group.columns) & set(pose.place.columns):
             continue
-        angles = possible_units(group.unit if stated else "", TO_DEG, TO_DEG)
+        angles = possible_units(group.unit if stated else "", TO_DEG, angle_units)
         for angle, length in product(angles, possible_units(pose.place.unit if stated else "", TO_MM, units)):
             joint_words = f"joints {column_span(group.columns)} in {unit_words(angle)}"
             words = f"{joint_words}, place {column_span(pose.place.columns)} in {unit_words(length)}"

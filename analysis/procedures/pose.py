@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.columns import FEWEST, judged_by_places, mirror_findings
+from analysis.procedures.checks.columns import FEWEST, judged_by_places, mirror_findings, right_mm
 from analysis.procedures.checks.places import (
     DUPLICATES,
     SOURCE,
@@ -68,7 +68,7 @@ from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, frame, posi
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.robot.kinematics.joint_limits import wrapped
 from analysis.runs.noise.cell_noise import TARGET_MM, TRACKER_U_MM, LogUniform
-from analysis.runs.noise.readings import FITTED_SPREADS
+from analysis.runs.noise.readings import FITTED_SPREADS, extent_of
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.noise.target_scatter import Scatter, scatter_of
 from analysis.runs.stands import STANDSTILL_MM, require_postures, standstill_starts_of_visits
@@ -91,8 +91,8 @@ SAME_RAD = float(np.radians(0.1))
 _FEWEST = 6
 _FEW_POSES = 20
 """Number of poses below which the fit of frame and tool, nine parameters, absorbs much of the error. Chosen."""
-_MISSES_MM, _DOUBTFUL_U = 10.0, 100.0
-"""A nominal arm has errors of some mm; an error above this limit and this multiple of u is doubtful."""
+_DOUBTFUL_U = 100.0
+"""Multiple of u above which an error that exceeds those of nominal constants is doubtful."""
 _BLIND = 1e-3
 """Relative singular value below which a direction is undetermined. Lengths and rotations have the same scale."""
 
@@ -180,7 +180,8 @@ def evaluate(
         notes.append("the uncertainty of the instrument in rotation is unknown: figures of the orientation lack u")
     axes, of_axes = ((), {}) if sides is None else axis_curves(table.q, sides, table.xyz_mm, arm.axes)
     figures |= of_axes
-    notes = [*notes_of_lost, *_doubts(figures["rms_mm"], setup), *notes]
+    doubts = _doubts(figures["rms_mm"], setup, right_mm(extent_of(table.xyz_mm)))
+    notes = [*notes_of_lost, *doubts, *notes]
     rotation = None if rotation is None else rotation[shown]
     return PoseResult(
         setup, position[shown], rotation, placed[shown], group[shown], figures, len(T), tuple(notes),
@@ -378,9 +379,10 @@ def _remaining_rotations(T: Array, seen: Rotation, R_tool: Array) -> Array:
     return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())
 
 
-def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
+def _doubts(rms: Quantity, setup: PoseSetUp, right_mm: float) -> list[str]:
+    """Doubts about the arm and the fit. right_mm: error of the right arm with nominal constants over these places."""
     doubts = []
-    if not (rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u):
+    if not (rms.value < right_mm or rms.value < _DOUBTFUL_U * rms.u):
         doubts.append(
             f"the arm of the rig file misses these poses by {rms.value:.3g} mm (rms), {rms.value / rms.u:.0f} times "
             "u: noise cannot cause this, and u does not cover it; check order, signs and zeros of the joints, whether "

@@ -14,17 +14,20 @@ Positions in a left-handed frame come from an export with an inverted axis, whic
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.procedures.checks.joint_search import JointReading, search_joint_readings
 from analysis.procedures.shared.test_kind import (
     Finding,
     JudgedMeaning,
     Meaning,
     Misfit,
     PathDeviation,
+    Strength,
     Verdict,
     facts_of,
     kind_of,
@@ -34,7 +37,7 @@ from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import hemisphere_frame
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_error, socket_residuals
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
-from analysis.runs.noise.readings import evenly, rms
+from analysis.runs.noise.readings import evenly, extent_of, rms
 from analysis.runs.tables import PoseTable, Table
 from rigs.arms import arm_names, load_arm
 from rigs.rig import Rig
@@ -44,6 +47,10 @@ from rigs.text import enumerated
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
 """Other zeros used in practice: a quarter or half a turn away."""
+_QUARTER_DEG = 3.0
+"""Distance from a quarter of a turn up to which a zero is one. Chosen: zeros of arms in use are wrong by less."""
+MOST_ZERO_DEG = 5.0
+"""Largest zero that a diagnosis determines: the range of `offset_deg` in rigs/effects/joint_offset.py."""
 
 
 def meanings(axes: int) -> list[Meaning]:
@@ -70,6 +77,56 @@ def meanings(axes: int) -> list[Meaning]:
         do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
         ways.append(_meaning((axis,), f"{off_deg:+z.0f}° on J{axis}", do, np.eye(axes), offset))
     return ways
+
+
+def searched_meanings(bare: Arm, q: Array, xyz_mm: Array) -> list[tuple[Meaning, float]]:
+    """Signs and zeros of several joints that fit places (n, 3) mm best, with the residual in mm; empty if none fits.
+
+    Of readings that fit alike only the simplest are listed.
+    """
+    if bare.rail is not None or len(q) < FEWEST:
+        return []
+    most_mm = right_mm(extent_of(xyz_mm))
+    readings = search_joint_readings(bare, q, xyz_mm, most_mm)
+    found = [
+        _with_quarter_turns(one) for one in readings if one.left_mm <= most_mm and one.changes == readings[0].changes
+    ]
+    return [(_of_reading(one), left_mm(bare, one.of(q), xyz_mm, _STEPS)) for one in found]
+
+
+def _with_quarter_turns(reading: JointReading) -> JointReading:
+    """Zeros near a quarter of a turn are that of a convention, and a fault of the arm."""
+    quarters = np.round(reading.zeros / (np.pi / 2)) * np.pi / 2
+    is_near = np.abs(reading.zeros - quarters) <= np.radians(_QUARTER_DEG)
+    return replace(reading, zeros=np.where(is_near & (quarters != 0), quarters, reading.zeros))
+
+
+def _of_reading(reading: JointReading) -> Meaning:
+    zeros_deg = [zero % 360 if abs(zero) > 179.95 else zero for zero in np.degrees(reading.zeros).tolist()]
+    angles = {axis: f"{zero:+.1f}°".replace(".0°", "°") for axis, zero in enumerate(zeros_deg, start=1) if zero}
+    backwards = (np.flatnonzero(reading.signs < 0) + 1).tolist()
+    words, do = [f"{angle} on J{axis}" for axis, angle in angles.items()], []
+    if backwards:
+        words.insert(0, f"{enumerated([f'J{axis}' for axis in backwards])} counted in the opposite direction")
+        do.append(f"change the sign of {enumerated([f'q{axis}_deg' for axis in backwards])}")
+    if angles:
+        do.append(f"add {enumerated([f'{angle} to q{axis}_deg' for axis, angle in angles.items()])}")
+    remedy = f"{' and '.join(do)} if only the table counts so"
+    if homed := [f"J{axis} by {angle}" for axis, angle in angles.items() if zeros_deg[axis - 1] % 90]:
+        remedy += f"{HOMED}re-master {enumerated(homed)} and measure again"
+    axes = tuple(sorted({*angles, *backwards}))
+    offset = np.radians(zeros_deg)
+    return _meaning(axes, enumerated(words), remedy, np.diag(reading.signs), offset, max(reading.changes, 1))
+
+
+HOMED = "; if the arm was homed with these zeros, "
+"""Introduces the remedy for zeros of the arm itself, in the remedy of a meaning."""
+
+
+def is_small_zeros(meaning: Meaning) -> bool:
+    """True if a meaning consists of zeros within the range that a diagnosis determines."""
+    is_plain = bool((meaning.matrix == np.eye(len(meaning.offset))).all())
+    return is_plain and bool(np.degrees(np.abs(meaning.offset)).max() <= MOST_ZERO_DEG)
 
 
 def _meaning(
@@ -149,9 +206,12 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     gain = best.values * float(np.log(as_labelled / max(best.left_mm, 1e-9)))
     misfit = Misfit(as_labelled, best.left_mm, gain)
     remedy = best.meaning.remedy if not as_good else "look up the convention in the controller, and correct the columns"
+    strength: Strength = "decisive"
+    if not as_good and is_small_zeros(best.meaning):
+        strength, remedy = "likely", f"{remedy}. A diagnosis determines zeros up to {MOST_ZERO_DEG:g}°"
     if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
         remedy += "; or correct robot.rail.direction: a rail with a different direction or sign looks the same"
-    yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
+    yield Finding(JOINTS, strength, best.meaning.columns, words, fact, remedy, misfit)
 
 
 def _another_arm(table: Table, rig: Rig) -> Finding | None:
@@ -196,7 +256,7 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
     no_other = "and no other order, sign or zero of the joints fits clearly better"
     if facts_of(table.test).of_tracker:
         places = table.readings[(table.readings != 0).any(axis=1)]
-        extent_mm = float(np.sqrt(3)) * rms(places - places.mean(axis=0))  # of positions, not of coordinates
+        extent_mm = extent_of(places)
         least_mm, words = right_mm(extent_mm), "a different arm, or a zero or length far off"
         fact = (
             f"these poses do not fit the arm of the rig file: the error is {_length(left_mm)}, over a work area of "
@@ -209,7 +269,7 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
         path = kind_of(table.test).off_path(table, rig, T)
         if path is None or path.on:
             return
-        extent_mm = float(np.sqrt(3)) * rms(T[:, :3, 3])
+        extent_mm = extent_of(T[:, :3, 3])
         least_mm = max(RIGHT_MM, _RIGHT_PER_MM * extent_mm)
         words = "a different arm, or rows of another socket"
         missed = f"these touches miss their sockets by {_length(left_mm)} with the arm of the rig file"
@@ -259,10 +319,15 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
         judged = [
             JudgedMeaning(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]
         ]
-        return _decided(judged, misfit(many, q[many], 100), RIGHT_MM)
+        return _decided(judged, misfit(many, q[many], 100), right_mm(extent_of(xyz_mm[many])))
 
     by_places = verdict(None)
-    return by_places if by_places[0] or rpy is None else verdict(rpy)
+    by_places = by_places if by_places[0] or rpy is None else verdict(rpy)
+    if by_places[0] or by_places[1] <= right_mm(extent_of(xyz_mm[many])):
+        return by_places
+    found = searched_meanings(bare, q[many], xyz_mm[many])
+    judged = [JudgedMeaning(meaning, left, int(3 * _KEPT * len(q)) - 9) for meaning, left in found]
+    return _decided(judged, by_places[1], np.inf) if judged else by_places
 
 
 def judged_by_sockets(table: Table, rig: Rig) -> Verdict:

@@ -44,6 +44,11 @@ def rms(values: NDArray[Any]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def extent_of(places: Array) -> float:
+    """Root mean square distance of places (n, 3) from their centre."""
+    return float(np.sqrt(3)) * rms(places - places.mean(axis=0))
+
+
 def robust_sd(distances: Array) -> float:
     """Standard deviation that outliers hardly affect: the scaled median of absolute deviations (n,)."""
     return 1.4826 * float(np.median(distances))
