@@ -47,7 +47,7 @@ _LONGEST_DEFAULT = 40
 _SOURCE = "Healthy value"
 """Beginning of the origin of a prior size in the docstring of an effect, for readers of the code."""
 _TABLE_HEAD = """\
-The default of a size or shape is 0 unless stated.
+A number that is not required is 0 unless a default is stated.
 
 | kind | meaning | keys |
 | --- | --- | --- |"""
@@ -82,7 +82,9 @@ class Page:
     written: dict[str, dict[str, Key]] = field(default_factory=dict)
     """Keys by the title of their section."""
     tables: dict[str, str] = field(default_factory=dict)
-    """Tables of the unions whose keys need no description, by the title of the common keys."""
+    """Tables of the members of unions whose keys need no description, by the title of the common keys."""
+    in_tables: set[str] = field(default_factory=set)
+    """Classes in these tables."""
 
 
 def page() -> str:
@@ -105,15 +107,15 @@ def _sections(root: Model) -> Iterator[str]:
         title = f"{places[members[0]].partition(':')[0]}: all kinds"
         common = found.common[title] = _common([keys[name] for name in members])
         found.unions |= dict.fromkeys(members, title)
-        if not any(one.text for name in members for one in _own(keys[name], common).values()):
-            rows = [_row(name, classes[name], _own(keys[name], common), places) for name in members]
-            found.tables[title] = "\n".join([_TABLE_HEAD, *rows])
+        found.in_tables |= (brief := {name for name in members if _is_brief(_own(keys[name], common), common)})
+        rows = [_row(name, classes[name], _own(keys[name], common), places) for name in members if name in brief]
+        found.tables[title] = "\n".join([_TABLE_HEAD, *rows]) if rows else ""
     for name in places:
         title = found.unions.get(name, "")
         if title and title not in found.written:
             found.written[title] = found.common[title]
-            yield _text(title, _items(found.common[title], {}), found.tables.get(title, ""))
-        if title not in found.tables:
+            yield _text(title, _items(found.common[title], {}), found.tables[title])
+        if name not in found.in_tables:
             yield _section(name, classes[name], keys[name], found)
 
 
@@ -187,6 +189,10 @@ def _section(name: str, model: Model, keys: dict[str, Key], page: Page) -> str:
 
 def _own(keys: dict[str, Key], common: dict[str, Key]) -> dict[str, Key]:
     return {key: one for key, one in keys.items() if common.get(key) != one}
+
+
+def _is_brief(own: dict[str, Key], common: dict[str, Key]) -> bool:
+    return not any(one.text and (key not in common or common[key].text != one.text) for key, one in own.items())
 
 
 def _described(model: Model) -> str:
@@ -295,7 +301,7 @@ def _with_default(kind: str, field: FieldInfo) -> str:
     written = _written_default(field)
     if not written or len(written) > _LONGEST_DEFAULT:
         return kind
-    if f"`{written}`, " in f"{kind}, ":
+    if f"`{written}`" in kind:
         return kind.replace(f"`{written}`", f"`{written}` (default)", 1)
     return f"{kind}, default `{written}`"
 
