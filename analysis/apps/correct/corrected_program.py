@@ -318,6 +318,7 @@ def _refused(
     """Reasons for targets that stay uncorrected, also because of their flags or an implausible correction."""
     reasons = program.reasons | {target.place: target.reason for target in done.left}
     reasons |= {k: "changes_flags" for k, values in flags.items() if values is None}
+    reasons |= {k: "reference" for k, target in enumerate(program.targets) if target.is_reference}
     places = np.array(
         [k for k in np.flatnonzero(done.done) if not _origin(program, points, int(k)).is_exact], dtype=int
     )

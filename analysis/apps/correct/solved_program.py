@@ -18,7 +18,7 @@ from analysis.correction.point_origins import PointKind
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, controller_arm, forward
 from rigs.arms import load_arm
-from rigs.errors import UseError
+from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.robot import Robot
 
@@ -102,6 +102,9 @@ def solve_program(
     Raises FileError for an invalid program, and UseError for an unreachable start.
     """
     maker, texts = read_program(path, frames.neutral)
+    if why := maker.reader.other_arm(texts, rig.robot):
+        remedy = "give the rig file of this arm, or the program without the other files of its backup"
+        raise FileError(str(path), why, remedy, code="controller.other_arm")
     texts = replace(texts, machine_unit=rig.length_unit or "mm")
     if maker.reader.shifts_only:
         frames.refuse_turns(maker.files.label)

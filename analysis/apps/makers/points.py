@@ -74,6 +74,8 @@ class Points:
     notices: list[Notice] = field(default_factory=list)
     left: list[UncorrectedTarget] = field(default_factory=list)
     sets: list[NamedFrame] = field(default_factory=list)
+    alone: dict[str, list[Usage]] = field(default_factory=dict)
+    """Uses of each point without concurrent code."""
 
     def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
         """Add a point. A second one under the same key makes its meaning uncertain."""
@@ -89,12 +91,17 @@ class Points:
         point = self.declared[key]
         point.changed = point.changed or Unknown(file, line, "the point is used or assigned there")
 
-    def parsed(self, program: Program) -> Parsed:
-        """The targets, and the moves that a program can make to them."""
-        usages = usages_of(_with_external_axes(program, sorted(self.axes), self.declared))
-        for usage in usages:
-            if point := self.declared.get(usage.move.base or usage.move.key):
-                point.usages.append(usage)
+    def parsed(self, program: Program, foot: Value | None = None) -> Parsed:
+        """The targets, and the moves that a program can make to them.
+
+        foot: foot of the robot in the world, if the program states frames in the world.
+        """
+        program = _with_external_axes(program, sorted(self.axes), self.declared)
+        usages = _in_base(usages_of(program), foot)
+        for key, of_point in self._by_point(usages).items():
+            self.declared[key].usages = of_point
+        if program.beside or program.broken:
+            self.alone = self._by_point(_in_base(usages_of(replace(program, beside=(), broken=())), foot))
         targets, places, skipped = self._targets()
         arcs = _arcs(usages, places)
         steps = tuple(
@@ -128,13 +135,28 @@ class Points:
         sets, notices = tuple(self.sets), tuple(self.notices)
         return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), sets, notices, frozenset(named))
 
+    def _by_point(self, usages: Iterable[Usage]) -> dict[str, list[Usage]]:
+        found: dict[str, list[Usage]] = {}
+        for usage in usages:
+            if (key := usage.move.base or usage.move.key) in self.declared:
+                found.setdefault(key, []).append(usage)
+        return found
+
+    def _reason(self, key: str, point: Point) -> _Because | None:
+        """The reason for leaving a point, if any: the one that would remain without the concurrent code."""
+        why = next(_reasons(point), None)
+        if why and why[0] == "not_understood" and key in self.alone:
+            others = _reasons(replace(point, usages=self.alone[key]))
+            why = next((other for other in others if other[0] != "not_understood"), why)
+        return why
+
     def _targets(self) -> tuple[list[Target], dict[str, int], list[UncorrectedTarget]]:
         """Targets, their indices by the key of a move, and what is left."""
         targets: list[Target] = []
         places: dict[str, int] = {}
         skipped = list(self.left)
         for key, point in self.declared.items():
-            if why := next(_reasons(point), None):
+            if why := self._reason(key, point):
                 # The numbers of a point in another file stay, but the arm stands there.
                 if point.target.file < self.files and (why[0] != "unused" or key not in self.silent):
                     skipped.append(UncorrectedTarget(point.target.file, point.target.line, point.target.name, *why))
@@ -163,6 +185,21 @@ class Points:
                 targets.append(replace(target, line=move.line, file=move.file, offset=offset_frame, of=base))
             self.sets += [named for usage in point.usages for named in _registers(usage)]
         return targets, places, skipped
+
+
+def _in_base(usages: Sequence[Usage], foot: Value | None) -> Sequence[Usage]:
+    """Uses with frames in the base of the robot, which has its foot at a known place in the world."""
+    return usages if foot is None else [replace(usage, frame=frame_in_base(usage.frame, foot)) for usage in usages]
+
+
+def frame_in_base(value: Value, foot: Value) -> Value:
+    """A frame in the world, or the world "0" itself, in the base of the robot. Frames that users state by name are in
+    the base already."""
+    if isinstance(value, Unknown) or (isinstance(value, str) and value != "0"):
+        return value
+    if isinstance(foot, Unknown):
+        return foot
+    return as_value(np.linalg.inv(as_frame(foot)) @ (np.eye(4) if value == "0" else as_frame(value)))
 
 
 def is_moved(coordinate: float) -> bool:

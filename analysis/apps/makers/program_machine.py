@@ -2,7 +2,8 @@
 
 The machine joins branches, runs loops to a fixed point and follows calls. A variable of the state has a value, or is
 unknown because of a line. `ForgetAll` stands for a statement outside the closed list of a dialect. Concurrent code may
-run at any moment: what it may change is unknown everywhere.
+run at any moment: what it certainly can change is unknown everywhere, and all else only in the routines of the programs
+that start it.
 """
 
 from __future__ import annotations
@@ -82,6 +83,8 @@ class Call:
     name: str
     why: Unknown
     """Reason for an unknown state if the routine has no text."""
+    starter: str = ""
+    """For concurrent code, the routine that starts it; empty if the controller starts it."""
 
 
 @dataclass(frozen=True)
@@ -204,14 +207,23 @@ class _Machine:
         self.halted: list[MachineState] = []
         """The states in which the program ends inside a routine."""
         self.flow = {name: _successors(body) for name, body in program.routines.items()}
-        self.pinned, self.pinned_all, self.moved = self._concurrent_changes()
+        concurrent = (*program.beside, *program.broken)
+        self.pinned = self._concurrent_changes(concurrent)[0]
+        self.programs = _programs_of(program.routines, {call.name for call in concurrent}) if concurrent else {}
+        self.unknown_in = {name: self._unknown_by_others(name, concurrent) for name in program.routines}
 
-    def _concurrent_changes(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
+    def _unknown_by_others(self, routine: str, concurrent: Sequence[Call]) -> tuple[Unknown | None, bool]:
+        """Cause if concurrent routines may change everything in a routine, and True if they may move the arm."""
+        programs = self.programs.get(routine, set())
+        acting = [call for call in concurrent if not call.starter or programs & self.programs.get(call.starter, set())]
+        return self._concurrent_changes(acting)[1:] if acting else (None, False)
+
+    def _concurrent_changes(self, concurrent: Iterable[Call]) -> tuple[dict[str, Unknown], Unknown | None, bool]:
         """What concurrent routines may change: variables, the cause if all, and whether they may move the arm."""
         pinned: dict[str, Unknown] = {}
         everything: Unknown | None = None
         moved, seen = False, set()
-        todo = [*self.program.beside, *self.program.broken]
+        todo = [*concurrent]
         while todo:
             call = todo.pop()
             body = self.program.routines.get(call.name)
@@ -232,8 +244,9 @@ class _Machine:
         return pinned, everything, moved
 
     def value(self, state: MachineState, variable: str) -> Value:
-        if self.pinned_all:
-            return replace(self.pinned_all, everything=True)
+        everything, _ = self.unknown_in[self.active[-1]] if self.active else (None, False)
+        if everything:
+            return replace(everything, everything=True)
         if pinned := self.pinned.get(variable) or self.pinned.get(family_of(variable)):
             return pinned
         if variable in state.values:
@@ -396,6 +409,8 @@ class _Machine:
         usages: dict[object, Usage] = {}
         for context in self.contexts:
             body = self.program.routines[context.routine]
+            self.active = [context.routine]
+            _, moved = self.unknown_in[context.routine]
             for at, state in sorted(context.before.items()):
                 if at < len(body) and isinstance(move := body[at], Move):
                     comes_from = _resolved(stands, state.stands)
@@ -406,12 +421,25 @@ class _Machine:
                         tuple((reason, self.resolved(state, setting)) for reason, setting in move.needs),
                         self.resolved(state, move.trusts),
                         (move.offset[0], self.resolved(state, move.offset[1])) if move.offset else None,
-                        comes_from | {None} if self.moved else comes_from,
+                        comes_from | {None} if moved else comes_from,
                     )
                     key = (id(move), usage.tool, usage.frame, usage.needs, usage.trusts, usage.offset)
                     old = usages.get(key)
                     usages[key] = usage if old is None else replace(old, comes_from=old.comes_from | usage.comes_from)
         return list(usages.values())
+
+
+def _programs_of(routines: Mapping[str, tuple[Statement, ...]], concurrent: Iterable[str]) -> dict[str, set[str]]:
+    """The programs to which each routine belongs, by their start: a routine that no other calls."""
+    called = called_routines(routines.values()) | {*concurrent}
+    programs: dict[str, set[str]] = {}
+    starts = [name for name in routines if name not in called]
+    for start in starts:
+        for name in reachable(routines, [start]):
+            programs.setdefault(name, set()).add(start)
+    for name in routines.keys() - programs.keys():  # Concurrent routines, and routines that only call each other
+        programs[name] = {*routines}
+    return programs
 
 
 def _unknown_state(why: Unknown) -> MachineState:

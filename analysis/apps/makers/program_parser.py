@@ -160,7 +160,7 @@ class ProgramParser:
         """Add a routine, by its name in the program, that may run at any moment."""
         routines = self.named(name)
         called = routines[0] if len(routines) == 1 else f"\0{name}"
-        self.beside.append(Call(called, self.why(f"{name} may run at any moment", at)))
+        self.beside.append(Call(called, self.why(f"{name} may run at any moment", at), self.routine or ""))
 
     def concurrently(self, why: Unknown, parse: Callable[[], None]) -> None:
         """Let what `parse` adds happen at any moment."""
@@ -170,7 +170,7 @@ class ProgramParser:
         if body:
             name = f"\0{len(self.beside)}"
             self.routines[name] = body
-            self.beside.append(Call(name, why))
+            self.beside.append(Call(name, why, self.routine or ""))
 
     def initial(self, variable: str) -> Value:
         raise NotImplementedError

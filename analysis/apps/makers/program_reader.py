@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.target import Parsed, ProgramTexts
+from rigs.schema.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,10 @@ class ProgramReader:
     """Suffixes of files in the directory whose routines and data a program can use."""
     backup: str = "(?!)"
     """Pattern of the name, in upper case, of a directory of a backup with all files that a program can use."""
+    tables: tuple[str, ...] = ()
+    """Names, in lower case, of the files of a backup with the tools and frames of the controller."""
+    other_arm: Callable[[ProgramTexts, Robot], str] = lambda _, __: ""
+    """Explains why the files belong to another arm than a robot; empty if they fit or state no arm."""
     is_together: bool = False
     """True if the programs of a directory are one program, because they share points and routines."""
     is_of_maker: Callable[[str], bool] = lambda _: False

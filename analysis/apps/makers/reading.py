@@ -118,7 +118,16 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     texts = (*files.values(), *read_beside.values())
     unread = tuple(name for name in data if name not in read_beside)
     names, is_directory = (*files, *read_beside), path.is_dir()
-    return maker, ProgramTexts(names, texts, len(files), absent, unread=unread, is_directory=is_directory)
+    return maker, ProgramTexts(
+        names, texts, len(files), absent, unread=unread, is_directory=is_directory, tables=_tables(root, reader.tables)
+    )
+
+
+def _tables(root: Path, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Files of a directory with the tools and frames of the controller."""
+    found = sorted(file for file in root.iterdir() if file.name.lower() in names) if names else []
+    contents = {file.name: read_bytes(file, MOST_BYTES) for file in found}
+    return tuple((name, content.decode(ENCODING)) for name, content in contents.items() if not _is_encoded(content))
 
 
 MARK, CONVERTED = "corrected by rig", "converted by rig"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -66,10 +67,28 @@ class Target:
     unknown_offsets: bool = False
     external: tuple[tuple[str, float], ...] = ()
     """The external axes named by the target; others do not move."""
+    remark: str = ""
+    """Comment in the program that names the target."""
 
     @property
     def joints(self) -> bool:
         return self.form in JOINT_FORMS
+
+    @property
+    def is_reference(self) -> bool:
+        """True for joint angles that belong to the arm and not to the work: the position of its home, its marks or its
+        encoders."""
+        if not self.joints:
+            return False
+        words = [word for name in (self.name, self.remark) for word in _WORD.findall(name)]
+        return any(map(_REFERENCE.match, words)) or not any(number.value for number in self.numbers)
+
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+"""A word of a name: XHOME, jHomePos, sync_pos_2."""
+_REFERENCE = re.compile(r"[xpjq]?(?:home|sync|calib|master|(?:origin|zero)$)", re.IGNORECASE)
+"""Begins of the words that name a reference position, after the prefix of a dialect for points. Others end with an
+object: original, zeroing."""
 
 
 @dataclass(frozen=True)
@@ -156,3 +175,5 @@ class ProgramTexts:
     """Names of encoded files, which have no text here."""
     is_directory: bool = False
     """True if the user gave the directory of all programs."""
+    tables: tuple[tuple[str, str], ...] = ()
+    """Names and texts of the files of a backup with the tools and frames of the controller."""

@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 
 from analysis.apps.makers.configuration import agreeing, turns
+from analysis.apps.makers.fanuc.backup import ARM, FRAMES, frames_in, other_arm
 from analysis.apps.makers.fanuc.instructions import INSIDE, NOTHING, OPTIONS, SEARCH, switch_by
 from analysis.apps.makers.numbers import Decimals, frame_of
 from analysis.apps.makers.points import as_value, is_moved
@@ -31,13 +32,14 @@ from analysis.apps.makers.program_machine import (
     Needs,
     Ref,
     Set,
+    Setting,
     Unknown,
     Value,
     called_routines,
 )
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, number_at
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Flags, Form, Parsed, ProgramTexts, Target
+from analysis.apps.makers.target import Flags, Form, Notice, Parsed, ProgramTexts, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
@@ -50,7 +52,7 @@ _BLANK = re.compile(
 _LINE = re.compile(r"^[ \t]*+(?:(?P<number>\d+)?[ \t]*+:(?P<body>[^\n]*)|(?P<dashes>-{4,}))", re.MULTILINE)
 _POINT = re.compile(r"(?<![A-Z])P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
 _ANY_POINT = re.compile(r"(?<![A-Z])P\[\s*(?:(\d{1,6})\b|[^\]\n]{0,60})")
-_POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")
+_POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::(?P<remark>[^\]\n]{0,40}))?\]\s*\{(?P<numbers>[^{}]*)\}")
 _MOVE = re.compile(
     rf"(?P<kind>[JLCAS])\s+(?P<point>PR?{INSIDE}|PAL_\w+{INSIDE})\s*(?P<second>PR?{INSIDE})?(?P<rest>.*)"
 )
@@ -119,6 +121,9 @@ class _TpReader(ProgramParser):
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK)
         together = "\n".join(self.texts)
+        self.stated = frames_in(program.tables)
+        self.raw = program.texts
+        """Texts with remarks, which `texts` lacks."""
         self.labels: tuple[str, ...] = ()
         self.scope = ""
         """Prefix of the labels in the logic along a move, which can repeat those of the listing."""
@@ -131,11 +136,12 @@ class _TpReader(ProgramParser):
             for name in {self.names[file].rpartition(".")[0].upper(), *((named[1].upper(),) if named else ())}:
                 if self.defined.get(name) != ["0"]:  # The program itself has priority.
                     self.defined.setdefault(name, []).append(str(file))
+            self.file = file
             for position in _POSITION.finditer(text, _section(text, "POS", len(text))):
                 self._position(position, is_own=file == 0)
 
     def _position(self, position: re.Match[str], *, is_own: bool) -> None:
-        name, begin, body = f"P[{position[1]}]", position.start(2), position[2]
+        name, begin, body = f"P[{position[1]}]", position.start("numbers"), position["numbers"]
         reason: Reason | None = None
         if groups := [*_GROUP.finditer(body)]:
             ends = [*(group.start() for group in groups[1:]), len(body)]
@@ -157,7 +163,8 @@ class _TpReader(ProgramParser):
         frame, tool = (frames[1], frames[2]) if frames else ("F", "F")
         form: Form = "joints_deg" if joints or reason else "roll_pitch_yaw"
         line = self.line(position.start())
-        target = Target(name, 0, line, form, numbers, tool, frame, flags, external=external)
+        remark = self.raw[self.file][slice(*position.span("remark"))] if position["remark"] else ""
+        target = Target(name, 0, line, form, numbers, tool, frame, flags, external=external, remark=remark)
         self.points.declare(position[1], target, reason or (None if len(numbers) == count == 6 else "incomplete"))
 
     def read(self, file: int) -> None:
@@ -285,11 +292,22 @@ class _TpReader(ProgramParser):
             self.set(f"{register}[{axis}]", right if re.fullmatch(NUMBER, right) else why)
             return
         self.forget(register, why)
+        self.set(f"{register}[form]", self._form(right, why))
         for k in range(1, 7):
             if re.fullmatch(r"LPOS\s*-\s*LPOS", right):
                 self.set(f"{register}[{k}]", "0")
             elif copied and copied[1] != number:
                 self.set(f"{register}[{k}]", Ref(f"PR{int(copied[1])}[{k}]"))
+
+    def _form(self, text: str, why: Unknown) -> Setting:
+        """The form of a register after an assignment: six joint angles are no frame."""
+        if copied := _WHOLE.fullmatch(text):
+            return Ref(f"PR{int(copied[1])}[form]")
+        point = _POINT.fullmatch(text)
+        declared = self.points.declared.get(point[1]) if point and self.is_own else None
+        if declared:
+            return why if declared.target.joints else OFF
+        return OFF if re.fullmatch(r"LPOS(?:\s*-\s*LPOS)?", text) else why
 
     def _forget_registers(self) -> None:
         why = self.why("the line may set any position register")
@@ -411,6 +429,8 @@ class _TpReader(ProgramParser):
 
     def initial(self, variable: str) -> Value:
         family, _, number = variable.partition("[")
+        if variable in self.stated:
+            return self.stated[variable]
         if variable in ("UFRAME_NUM", "UTOOL_NUM"):
             return Unknown(0, 0, f"no line selects {variable}")
         return number.rstrip("]") if family in ("UFRAME", "UTOOL") else OFF
@@ -421,6 +441,8 @@ def parse(program: ProgramTexts) -> Parsed:
     for file in range(len(program.texts)):
         reader.read(file)
     reader.add_background()
+    if reader.stated:
+        reader.points.notices.append(Notice(0, 1, f"tools and user frames are those of {FRAMES.upper()} beside it"))
     return reader.points.parsed(reader.program(kept=("UFRAME[", "UTOOL[")))
 
 
@@ -465,12 +487,16 @@ def _register(text: str, why: Unknown) -> Value | ComputedValue:
         return why
 
     def frame_from(values: tuple[Value, ...]) -> Value:
+        *values_of_axes, form = values
+        if form != OFF:
+            return form if isinstance(form, Unknown) else why
+        values = tuple(values_of_axes)
         numbers = [float(value) for value in values if isinstance(value, str) and re.fullmatch(NUMBER, value)]
         if len(numbers) < len(values):
             return min((value for value in values if isinstance(value, Unknown)), default=why)
         return as_value(frame_of("roll_pitch_yaw", numbers))
 
-    return ComputedValue(tuple(f"PR{int(whole[1])}[{axis}]" for axis in range(1, 7)), frame_from)
+    return ComputedValue(tuple(f"PR{int(whole[1])}[{part}]" for part in (*range(1, 7), "form")), frame_from)
 
 
 def _unless_lost(values: tuple[Value, ...]) -> Value:
@@ -489,6 +515,8 @@ READER = ProgramReader(
     null_tools=("0",),
     null_frames=("0",),
     beside=(".ls",),
+    tables=(FRAMES, ARM),
+    other_arm=other_arm,
     empty="/PROG  {0}\n/MN\n/POS\n/END\n",
 )
 """Remarks have at most 32 characters (B-83284EN, 4.13)."""

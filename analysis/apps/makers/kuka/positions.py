@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from analysis.apps.makers.configuration import beyond_stretch, wrist_in_front
+from analysis.apps.makers.kuka.backup import foot_of
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value, is_moved
 from analysis.apps.makers.program_machine import ComputedValue, Ref, Unknown, Value
@@ -51,6 +52,8 @@ class KrlPositions(ProgramParser):
         self.copies: dict[str, str] = {}
         """Points of the copies in the current module."""
         self.constants: dict[str, float] = {}
+        self.foot = foot_of(self.names, self.texts)
+        """Foot of the robot in the world, in which bases are stated."""
 
     @property
     def module(self) -> str:
@@ -116,7 +119,7 @@ class KrlPositions(ProgramParser):
         if right in ("$NULLFRAME", "$WORLD"):
             return "0"
         if right == "$ROBROOT":
-            return as_value(np.eye(4))
+            return as_value(np.eye(4)) if self.foot is None else self.foot
         frame = self.frame(right)
         if frame is not None:
             return as_value(frame)

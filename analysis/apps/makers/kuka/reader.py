@@ -3,7 +3,8 @@
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and public programs
 with the inline forms of the pendant (FDAT_ACT = F…, PTP X…, SLIN … WITH $TOOL = STOOL2(F…)). The numbers of tools and
 bases are in $config.dat: the user states them, or copies that file into the directory of the program. $NULLFRAME and
-base 0 are $WORLD, assumed to be the robot's foot if the arm is upright, as KUKA delivers it ($ROBROOT zero).
+base 0 are $WORLD, in which $machine.dat of a backup states the robot's foot ($ROBROOT). Without this file, both are
+assumed to be the same if the arm is upright, as KUKA delivers it.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
+
+from analysis.apps.makers.kuka.backup import other_arm
 from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
 from analysis.apps.makers.kuka.positions import EXTERNAL_AXES
 from analysis.apps.makers.kuka.statements import (
@@ -20,11 +24,12 @@ from analysis.apps.makers.kuka.statements import (
     KrlStatements,
 )
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.points import as_value
+from analysis.apps.makers.points import as_frame, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Unknown, Value, reachable
 from analysis.apps.makers.program_parser import NUMBER
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Parsed, ProgramTexts
+from analysis.robot.kinematics.arm import Array
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
 """0.1 µm and 1e-6°, which is 0.02 µm at 1 m. A REAL of KRL has about seven digits."""
@@ -174,6 +179,11 @@ class _KrlReader(KrlStatements):
         used = reachable(self.routines, [*of_user, *(call.name for call in self.beside)])
         self.routines = {name: body for name, body in self.routines.items() if name in used}
 
+    def state(self, family: str, number: str, frame: Array) -> None:
+        if family == "BASE_DATA" and isinstance(self.foot, tuple):
+            frame = np.linalg.inv(as_frame(self.foot)) @ frame
+        super().state(family, number, frame)
+
     def initial(self, variable: str) -> Value:
         family, _, number = variable.partition("[")
         if variable in self.stated:
@@ -207,7 +217,7 @@ def parse(program: ProgramTexts) -> Parsed:
     kept = ("TOOL_DATA[", "BASE_DATA[", "switch", CORRECTION, *(["external_tcp"] if may_be_outside else []))
     module = reader.modules[0]
     starts = f"{module}:{module.rpartition('/')[2]}" if own <= 2 else None
-    return reader.points.parsed(reader.program(kept=kept, starts=starts))
+    return reader.points.parsed(reader.program(kept=kept, starts=starts), reader.foot)
 
 
 READER = ProgramReader(
@@ -221,5 +231,6 @@ READER = ProgramReader(
     backup="R1",
     is_together=True,
     is_of_maker=is_file_of_maker,
+    other_arm=other_arm,
     empty="DEF {0}()\nEND\n",
 )

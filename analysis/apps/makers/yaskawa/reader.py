@@ -38,6 +38,7 @@ from analysis.apps.makers.program_machine import (
 from analysis.apps.makers.program_parser import ProgramParser, numbers_in, words
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Flags, Form, Notice, Parsed, ProgramTexts, Target
+from analysis.apps.makers.yaskawa.backup import TABLES, frames_in
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
@@ -101,6 +102,8 @@ class _State:
 class _InformReader(ProgramParser):
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK)
+        self.stated = frames_in(program.tables)
+        """Tools and user frames of a backup."""
         self.is_complete = program.is_directory
         """True if the user gave the directory of all jobs, and not a single job."""
         self.variables: dict[int, list[str]] = {}
@@ -333,6 +336,8 @@ class _InformReader(ProgramParser):
 
     def initial(self, variable: str) -> Value:
         family, _, number = variable.partition("[")
+        if variable in self.stated:
+            return self.stated[variable]
         return number.rstrip("]") if family in ("USER", "TOOL") else OFF
 
 
@@ -341,6 +346,9 @@ def parse(program: ProgramTexts) -> Parsed:
     for step in (reader.declare, reader.read):
         for file in range(len(program.texts)):
             step(file)
+    if program.tables:
+        files = " and ".join(name for name, _ in program.tables)
+        reader.points.notices.append(Notice(0, 1, f"tools and user frames are those of {files} beside it"))
     return reader.points.parsed(reader.program(kept=("USER[", "TOOL["), cycles=True))
 
 
@@ -372,6 +380,7 @@ READER = ProgramReader(
     Remark("'", width=32, before={".jbi": re.compile(rb"^[ \t]*END\b", re.MULTILINE)}),
     null_frames=("base",),
     beside=(".jbi",),
+    tables=TABLES,
     is_together=True,
     empty="/JOB\n//NAME {0}\n//POS\n//INST\nNOP\nEND\n",
 )

@@ -83,7 +83,8 @@ def test_mastered_zeros_are_converted_once(cell):
     assert points["origin"] == "taught" and points["since"] == "values.yaml" and points["tool_moved_mm"] < 1e-3
     assert points["numbers_moved_mm"]["largest"] > 0.5
     text = (cell.with_name("out") / "pick.dat").read_text()
-    assert "XHOME={A1 0, A2 -80.080000, A3 100.150000, A4 -20, A5 80, A6 0}" in text and "converted by rig" in text
+    assert "XVIA1={A1 5, A2 -75.080000, A3 95.150000, A4 -25, A5 70, A6 15}" in text and "converted by rig" in text
+    assert "XHOME={A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}" in text
     cell.with_name("pick.dat").write_text(text)
     again = command(cell, "--points", "taught", "--since", cell.with_name("values.yaml"))
     assert failure_of(*again) == (3, "correction.repeated")

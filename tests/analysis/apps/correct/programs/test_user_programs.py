@@ -80,8 +80,8 @@ def pick_and_place():\r
   textmsg("movel(p[.1, .2, .3, 0, 0, 0])")
   global Waypoint_1_p=p[{p1}]
   global Waypoint_1_q=[{q1}]
-  home = [{q0}]
-  movej(home, a=1.4, v=1.05)
+  clear = [{q0}]
+  movej(clear, a=1.4, v=1.05)
   $ 3 "Waypoint_1 p[0, 0, 0, 0, 0, 0]" "breakAfter"
   movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.3962634015954636, v=1.0471975511965976)
   movel(  p[{p2}] , a=1.2,
@@ -295,14 +295,14 @@ MODULE MainModule\r
   ! MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tGripper;\r
   PERS tooldata tGripper:=[TRUE,[[5,0,90],[{tool}]],[1,[0,0,50],[1,0,0,0],0,0,0]];\r
   PERS wobjdata wTable:=[FALSE,TRUE,"",[[300,50,100],[{object}]],[[0,0,0],[1,0,0,0]]];\r
-  CONST jointtarget jHome:=[[20,10,20,30,60,-40],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];\r
+  CONST jointtarget jClear:=[[20,10,20,30,60,-40],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];\r
   CONST robtarget pPick:=\r
     {pick};\r
   LOCAL CONST robtarget pRail:={rail};\r
   VAR robtarget pMoving:={pick};\r
   PROC main()\r
     TPWrite "MoveAbsJ [[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]";\r
-    MoveAbsJ jHome\\NoEOffs,v1000,z50,tGripper;\r
+    MoveAbsJ jClear\\NoEOffs,v1000,z50,tGripper;\r
     MoveJ Offs(pPick,0,0,90),v1000,z10,tGripper\\WObj:=wTable;\r
     MoveL pPick,v100,fine,tGripper\\WObj:=wTable;\r
     Set doGrip;\r

@@ -1,0 +1,20 @@
+"""The arm of a backup beside the arm of a rig file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rigs.schema.robot import Robot
+
+_SAME_MM = 5.0
+"""Difference of lengths of the same type of arm: several times the largest one between nine delivered arms and their
+data sheet (docs/evidence/real-arms.md). Types of a maker differ by 20 mm and more."""
+
+
+def other_lengths(name: str, lengths_mm: Mapping[int, float], robot: Robot) -> str:
+    """Explain which lengths `a` of the axes in a file differ from those of a robot; empty if none does."""
+    own = {axis: abs(robot.axes[axis - 1].a_mm) for axis in lengths_mm if axis <= len(robot.axes)}
+    if all(abs(abs(lengths_mm[axis]) - mm) < _SAME_MM for axis, mm in own.items()):
+        return ""
+    words = ", ".join(f"a of axis {axis} {abs(lengths_mm[axis]):g} mm instead of {mm:g} mm" for axis, mm in own.items())
+    return f"is the backup of another arm than {robot.name}: {name} states {words}"
