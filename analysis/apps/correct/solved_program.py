@@ -104,7 +104,7 @@ def solve_program(
     maker, texts = read_program(path, frames.neutral)
     if why := maker.reader.other_arm(texts, rig.robot):
         remedy = "give the rig file of this arm, or the program without the other files of its backup"
-        raise FileError(str(path), why, remedy, code="controller.other_arm")
+        raise FileError(str(path), why, remedy, code="robot.other")
     texts = replace(texts, machine_unit=rig.length_unit or "mm")
     if maker.reader.shifts_only:
         frames.refuse_turns(maker.files.label)

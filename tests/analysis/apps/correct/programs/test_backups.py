@@ -205,7 +205,7 @@ def test_backup_of_another_kuka_arm_is_refused(a, b, fits, tmp_path):
     if fits:
         assert len(corrected_files(rig, tmp_path, files).names) == 2
     else:
-        with refused("controller.other_arm"):
+        with refused("robot.other"):
             corrected_files(rig, tmp_path, files)
 
 
@@ -251,7 +251,7 @@ def test_backup_of_another_fanuc_arm_is_refused(lengths, fits, tmp_path):
     if fits:
         assert len(corrected_files(rig, tmp_path, files, *stated).names) == 2
     else:
-        with refused("controller.other_arm"):
+        with refused("robot.other"):
             corrected_files(rig, tmp_path, files, *stated)
 
 
