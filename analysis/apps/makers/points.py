@@ -48,6 +48,8 @@ from analysis.robot.kinematics.arm import Array
 _AT_ZERO = 0.01
 """Coordinate in mm or ° of an external axis at zero: its last decimal stays after a taught stop. Chosen: it changes the
 correction by less than 1 µm."""
+Place = tuple[float, ...] | Unknown
+"""The 16 numbers of a frame in mm, or unknown."""
 _Because = tuple[Reason, tuple[Unknown, ...]]
 """A reason with the places that cause it."""
 
@@ -91,7 +93,7 @@ class Points:
         point = self.declared[key]
         point.changed = point.changed or Unknown(file, line, "the point is used or assigned there")
 
-    def parsed(self, program: Program, foot: Value | None = None) -> Parsed:
+    def parsed(self, program: Program, foot: Place | None = None) -> Parsed:
         """The targets, and the moves that a program can make to them.
 
         foot: foot of the robot in the world, if the program states frames in the world.
@@ -187,19 +189,20 @@ class Points:
         return targets, places, skipped
 
 
-def _in_base(usages: Sequence[Usage], foot: Value | None) -> Sequence[Usage]:
+def _in_base(usages: Sequence[Usage], foot: Place | None) -> Sequence[Usage]:
     """Uses with frames in the base of the robot, which has its foot at a known place in the world."""
     return usages if foot is None else [replace(usage, frame=frame_in_base(usage.frame, foot)) for usage in usages]
 
 
-def frame_in_base(value: Value, foot: Value) -> Value:
+def frame_in_base(value: Value, foot: Place) -> Value:
     """A frame in the world, or the world "0" itself, in the base of the robot. Frames that users state by name are in
     the base already."""
     if isinstance(value, Unknown) or (isinstance(value, str) and value != "0"):
         return value
     if isinstance(foot, Unknown):
         return foot
-    return as_value(np.linalg.inv(as_frame(foot)) @ (np.eye(4) if value == "0" else as_frame(value)))
+    frame = np.eye(4) if isinstance(value, str) else as_frame(value)
+    return as_value(np.linalg.inv(as_frame(foot)) @ frame)
 
 
 def is_moved(coordinate: float) -> bool:

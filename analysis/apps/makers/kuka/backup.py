@@ -13,8 +13,8 @@ import numpy as np
 
 from analysis.apps.makers.backup_arm import other_lengths
 from analysis.apps.makers.numbers import frame_of, is_frame
-from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import Unknown, Value
+from analysis.apps.makers.points import Place, as_value
+from analysis.apps.makers.program_machine import Unknown
 from analysis.apps.makers.program_parser import NUMBER
 from analysis.apps.makers.target import ProgramTexts
 from rigs.schema.robot import Robot
@@ -26,10 +26,10 @@ _AXES = {"A": 2, "B": 3}
 """Axis whose length `a` each variable states."""
 
 
-def foot_of(names: Sequence[str], texts: Sequence[str]) -> Value | None:
+def foot_of(names: Sequence[str], texts: Sequence[str]) -> Place | None:
     """The foot of the robot in the world, None if no file states it. It is unknown if several files or a program state
     different ones."""
-    found: dict[Value, None] = {}
+    found: dict[Place, None] = {}
     for file, text in enumerate(texts):
         for stated in _FOOT.finditer(text):
             line = text.count("\n", 0, stated.start()) + 1
