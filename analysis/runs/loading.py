@@ -230,6 +230,7 @@ def _doubts(run: Run) -> list[str]:
         for kind, count in counted.items()
         if kind != "samples" and count
     ]
+    doubts += run.unsealed
     if manifest.exit_status != "complete":
         doubts.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
     # Original and last value of each changed label, omitting labels that were restored.

@@ -30,7 +30,7 @@ _ENOUGH = 3
 OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
 """Faults reported by the instrument itself. They prove the protocol."""
 _FEW, _POOR_SHARE = 2, 0.05
-"""Tolerable number of faults, absolute and per reading."""
+"""Tolerable number of faults, absolute and per reading. The second is also the tolerable share of lost time."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 _USUAL = (
@@ -81,6 +81,20 @@ class Trial:
         for fault in faults_of(self.items):
             kinds[fault.kind] += fault.count
         return kinds
+
+    @property
+    def unanswered_s(self) -> float:
+        """Time between readings with an unanswered request or a late answer; not the time before the first reading."""
+        lost_ns, last_ns, is_late = 0, 0, False
+        for item in self.items:
+            if isinstance(item, Fault):
+                is_late |= item.kind in {FaultKind.SILENT, FaultKind.LATE}
+                continue
+            stamps_ns = samples_of([item]).last_byte_ns
+            if is_late and last_ns:
+                lost_ns += int(stamps_ns[0]) - last_ns
+            last_ns, is_late = int(stamps_ns[-1]), False
+        return lost_ns / 1e9
 
     @property
     def understood(self) -> bool:
@@ -203,8 +217,11 @@ def _check_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
     if missing := [name for name in silent if name not in CONDITION]:
         return wrong(stream.name, f"{observation}, but without {', '.join(missing)}", trial.last_fault)
     faults = trial.faults
+    counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
+    if trial.unanswered_s > _POOR_SHARE * trial.seconds:
+        pauses = f"{trial.unanswered_s:.1f} s of them without an answer"
+        return doubtful(stream.name, f"{observation}, {pauses} ({counts})", trial.last_fault)
     if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
-        counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
         return doubtful(stream.name, f"{observation}, and {counts}", trial.last_fault)
     return ok(stream.name, f"{observation}; not available: {', '.join(silent)}" if silent else observation)
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from daq.store.chunk import FAULTS, MOST_BYTES, TABLE, array_of, from_parquet, piece_of
 from daq.store.durable import TEMPORARY, is_locked
-from daq.store.ledger import BEING_RECORDED, Chunk, sha256, to_recover
+from daq.store.ledger import BEING_RECORDED, LEDGER, Chunk, VerifiedLedger, read_ledger, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -32,6 +32,8 @@ class Run:
     """A row for each fault: at_ns, stream, kind, detail, count, sequence."""
     table: pa.Table | None = None
     """Columns of an imported run in file order, None in a recorded run."""
+    unsealed: tuple[str, ...] = ()
+    """Content of the directory that belongs to no run, one line each."""
 
     @cached_property
     def readings_sha256(self) -> str:
@@ -52,7 +54,8 @@ def read_run(path: Path) -> Run:
         rows = read_stream(path, manifest, name)
         streams[name] = {column: _array(rows[column]) for column in rows.column_names}
     table = read_stream(path, manifest, TABLE) if manifest.table else None
-    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
+    faults = read_stream(path, manifest, FAULTS).to_pylist()
+    return Run(path, manifest, streams, faults, table, tuple(unsealed_parts(path, manifest, read_ledger(path))))
 
 
 def closed_manifest(path: Path) -> Manifest:
@@ -82,6 +85,16 @@ def left_over(path: Path, manifest: Manifest) -> list[Path]:
     listed = {chunk.file for chunk in manifest.chunks}
     unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
     return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
+
+
+def unsealed_parts(path: Path, manifest: Manifest, ledger: VerifiedLedger) -> list[str]:
+    """Lines of the ledger after the last valid one, and files that it does not list. They are not read."""
+    parts, place = [], "manifest" if manifest.version == 1 else "ledger"
+    if manifest.version > 1 and ledger.entries and ledger.unread and manifest.exit_status != "recording":
+        line = len(ledger.entries) + 1
+        parts.append(f"{path / LEDGER}: line {line} and later lines cannot be verified; {to_recover(path)}")
+    listed = left_over(path, manifest)
+    return [*parts, *(f"{file}: is not listed in the {place}; {to_recover(path)}" for file in listed)]
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:

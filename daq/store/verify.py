@@ -15,7 +15,7 @@ from daq.store.chunk import FAULTS, TABLE
 from daq.store.ledger import BEING_RECORDED, LEDGER, VerifiedLedger, read_ledger, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
-from daq.store.run import left_over, read_chunk
+from daq.store.run import read_chunk, unsealed_parts
 from rigs.calibration import CALIBRATION, MOST_CALIBRATION_BYTES
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -102,9 +102,7 @@ def judge(path: Path) -> VerificationResult:
     recovered = manifest.exit_status == "recovered"
     is_recorded = manifest.exit_status == "recording" and durable.may_be_locked(path)
     # During recording, a chunk is added to the ledger when it is full.
-    leftovers = [] if is_recorded else left_over(path, manifest)
-    place = "manifest" if manifest.version == 1 else "ledger"
-    unlisted = [f"{file}: is not listed in the {place}; {to_recover(path)}" for file in leftovers]
+    unsealed = [] if is_recorded else unsealed_parts(path, manifest, verified)
     if not problems:  # an unreadable chunk explains all differences of counts
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return VerificationResult(
@@ -116,7 +114,7 @@ def judge(path: Path) -> VerificationResult:
         tuple(gap for stream in streams for gap in stream.gaps),
         (
             *_records(path, manifest, verified, is_recorded=is_recorded), *_companion_problems(path, manifest),
-            *unlisted, *problems,
+            *unsealed, *problems,
         ),
     )  # fmt: skip
 
@@ -126,9 +124,6 @@ def _records(path: Path, manifest: Manifest, verified: VerifiedLedger, *, is_rec
     problems = []
     if manifest.version > 1 and not verified.entries:
         problems.append(f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}")
-    elif manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
-        line = len(verified.entries) + 1
-        problems.append(f"{path / LEDGER}: line {line} and later lines cannot be verified; {to_recover(path)}")
     elif manifest.table is not None and not manifest.chunks_of(TABLE):
         problems.append(f"{path}: the table is not there; import {manifest.table.file} again")
     if is_recorded:

@@ -1,3 +1,5 @@
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -5,7 +7,7 @@ import pytest
 
 from analysis.robot.geometry.driven_programs import repeatability_stops, stops
 from analysis.runs.align import align
-from analysis.runs.loading import measured_of
+from analysis.runs.loading import load_measured, measured_of
 from daq.store import read_run, recover, verify
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
@@ -87,3 +89,30 @@ def test_an_import_that_never_held_its_table(tmp_path):
     assert problem.startswith(f"{tmp_path / 'r'}: ") and "import t.csv" in problem
     with refused("table.invalid", "the table has no rows"):
         measured_of(read_run(tmp_path / "r"))
+
+
+def _garbage(run: Path, content: bytes) -> None:
+    (run / "ledger.jsonl").write_bytes((run / "ledger.jsonl").read_bytes() + content)
+
+
+SURPLUS: dict[str, Callable[[Path], object]] = {
+    "garbage behind the seal": lambda run: _garbage(run, b"\xff\x00garbage"),
+    "a line behind the seal": lambda run: _garbage(run, b'{"chunk": {}}\n'),
+    "a repeated line": lambda run: _garbage(run, (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)[-1]),
+    "a second table": lambda run: shutil.copy(run / "table-0001.parquet", run / "table-0002.parquet"),
+    "a table of another stream": lambda run: (run / "g1-0001.parquet").write_bytes(b"PAR1"),
+    "an unfinished file": lambda run: (run / "table-0002.parquet.tmp").touch(),
+}
+
+
+@pytest.mark.parametrize("name", SURPLUS)
+def test_content_that_the_seal_does_not_cover_is_a_doubt(tmp_path, name):
+    (tmp_path / "t.csv").write_text(csv_text(plain("pose")))
+    run = tmp_path / "r"
+    import_table(tmp_path / "t.csv", run, rig_file=RIG_FILE, test="pose", direction=None, operator="")
+    before = load_measured(run)
+    SURPLUS[name](run)
+    after = load_measured(run)
+    assert after.table.q.tolist() == before.table.q.tolist()
+    (doubt,) = set(after.doubts) - set(before.doubts)
+    assert verify(run) == [doubt] and "rig recover" in doubt

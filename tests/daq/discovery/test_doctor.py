@@ -328,6 +328,13 @@ def _read(*values: float) -> list[Sample]:
     return [Sample(values, k, k, k, 9) for k in range(10)]
 
 
+def _with_pause(pause_s: float, kind: FaultKind) -> list[Sample | Fault]:
+    """Eighty readings with a fault after the fortieth."""
+    stamps_ns = [int(1e9 * (1 + k / 40 + pause_s * (k >= 40))) for k in range(80)]
+    readings = [Sample((1.0,), at_ns - 10, at_ns - 1, at_ns, 9) for at_ns in stamps_ns]
+    return [*readings[:40], Fault(kind, stamps_ns[40] - 1, "longer timeout_s"), *readings[40:]]
+
+
 @pytest.mark.parametrize(
     ("columns", "items", "verdict", "says", "remedy"),
     [
@@ -346,10 +353,24 @@ def _read(*values: float) -> list[Sample]:
             "unit 2: silent",
         ),
         (1, [Fault(FaultKind.SILENT, 5, "silent for 0.1 s")], WRONG, "accepts", ""),
+        (1, _with_pause(1.2, FaultKind.SILENT), DOUBTFUL, "1.2 s of them without an answer (1 silent)", "longer"),
+        (1, _with_pause(0.3, FaultKind.LATE), DOUBTFUL, "0.3 s of them without an answer (1 late)", "longer"),
+        (1, _with_pause(0.05, FaultKind.SILENT), OK, "80 readings in 2 s", ""),
+        (1, _with_pause(1.2, FaultKind.SILENT)[40:], OK, "40 readings in 2 s", ""),
         (1, [Fault(FaultKind.DISCONNECTED, 6, "lost")], WRONG, "nothing arrived", "lost"),
         (1, [], WRONG, "accepts", ""),
     ],
-    ids=["exceptions", "one of two gauges", "silent host", "gone", "nothing"],
+    ids=[
+        "exceptions",
+        "one of two gauges",
+        "silent host",
+        "unanswered",
+        "late",
+        "one short pause",
+        "silent before the first reading",
+        "gone",
+        "nothing",
+    ],
 )
 def test_answers_of_a_trial_are_judged(columns, items, verdict, says, remedy):
     stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], columns=("g1_mm", "g2_mm")[:columns])
