@@ -12,7 +12,7 @@ import gzip
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
@@ -64,13 +64,22 @@ _NOMINAL_DEG = 30.0
 
 TestSection = tuple[list[Block], list[Picture], list[Block]]
 """Blocks before the pictures of a test at a place, the pictures, and the blocks after them."""
+_ON_SHEET = (
+    "band_deg",
+    "circular_deviation_mm",
+    "hysteresis_max_deg",
+    "hysteresis_max_mm",
+    "band_mm",
+    "uni_mm",
+    "bi_mm",
+)
+"""Figures of the first page: what a ballbar sheet shows of a circle (ISO 230-4), and the bands of other tests."""
 
 
 def test_sections(
-    results: Sequence[Result], simulated: Compared | None, corrected: Compared | None, texts: Texts
+    groups: Sequence[Sequence[Result]], simulated: Compared | None, corrected: Compared | None, texts: Texts
 ) -> list[TestSection]:
     """corrected: runs compared with the model including the found parts."""
-    groups = sorted(by_test(results), key=lambda group: _ORDER.index(group[0].test))
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
     sections = []
     for group in groups:
@@ -88,6 +97,25 @@ def test_sections(
         above: list[Block] = [Heading(title), Sentence(about), *doubts]
         sections.append((above, charts, _below(group, texts)))
     return sections
+
+
+def sheet_of_first(groups: Sequence[Sequence[Result]], sections: Sequence[TestSection], texts: Texts) -> TestSection:
+    """Both directions of the first circle in polar form with their figures, or the first picture of another test.
+
+    The pictures move from their section to the first page.
+    """
+    if not groups:
+        return [], [], []
+    _, pictures, _ = sections[0]
+    chosen = [picture for picture in pictures if picture.frame == "polar"] or pictures[:1]
+    for picture in chosen:
+        pictures.remove(picture)
+    columns = [
+        replace(column, figures={name: column.figures[name] for name in _ON_SHEET if name in column.figures}, below={})
+        for column in columns_of(groups[0], texts)
+    ]
+    shown = [column for column in columns if column.figures]
+    return [Heading(texts.test(groups[0][0].test), 3)], chosen, [figure_table(shown, texts)] if shown else []
 
 
 def _below(group: Sequence[Result], texts: Texts) -> list[Block]:
@@ -260,7 +288,9 @@ def write_page(report: Report, file: Path, language: Language = "en", heading: P
 def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     found, after = report.found, report.after
     stairs = stairs_of(found, texts) if found else None
-    sections = test_sections(report.results, report.simulated, report.corrected, texts)
+    groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
+    sections = test_sections(groups, report.simulated, report.corrected, texts)
+    sheet = sheet_of_first(groups, sections, texts)
     gaps = residual_charts(found, stairs, texts) if found else []
     verdict = judge(report.results, report.rig.limits, found)
     corrected = after.verdict if after and after.verdict and after.verdict.judged else None
@@ -282,6 +312,7 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
         condition_badge=badge,
         head=head,
         tiles=tiles,
+        sheet=sheet,
         condition=_condition(report, badge, parts, texts),
         accuracy=_accuracy(after, verdict, texts),
         findings=_findings(report, verdict, parts, texts),
@@ -295,7 +326,7 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
         trace=_trace(report, texts),
         simulated_only=all(result.measured.is_simulated for result in report.results),
         style=_template("report.css"),
-        **_scripts([picture for _, drawn, _ in sections for picture in drawn] + list(gaps)),
+        **_scripts([picture for _, drawn, _ in [sheet, *sections] for picture in drawn] + list(gaps)),
     )
 
 

@@ -80,6 +80,15 @@ def test_the_page_says_the_hidden_play_before_anything_else(page):
     assert places == sorted(places)
 
 
+def test_the_first_page_has_both_directions_of_a_circle_and_its_figures_once(page):
+    sheet = page[page.index('class="sheet"') : page.index("<details>")]
+    assert sheet.count('class="polar"') == 2 == sheet.count('class="live"') and "acw against cw" in sheet
+    assert all(EN.label(name) in sheet for name in ("band_deg", "circular_deviation_mm", "hysteresis_max_mm"))
+    titles = re.findall(r"<figcaption><b>(.*?)</b>", page)
+    drawn = re.findall(r"<figcaption><b>(.*?)</b>", sheet)
+    assert len(drawn) == 2 and all(titles.count(title) == 1 for title in drawn)
+
+
 def test_the_tiles_show_the_words_of_the_summary_as_text_and_never_as_html(report):
     evil = replace(LOAD, command=("correct", "<script>x</script>.yaml", "-o", "D"))
     found = diagnosis("undecided", acts=(evil,), curves=(), maps=())
