@@ -107,7 +107,7 @@ def sheet_of_first(groups: Sequence[Sequence[Result]], sections: Sequence[TestSe
     if not groups:
         return [], [], []
     _, pictures, _ = sections[0]
-    chosen = [picture for picture in pictures if picture.frame == "polar"] or pictures[:1]
+    chosen: list[Picture] = [picture for picture in pictures if picture.frame == "polar"] or pictures[:1]
     for picture in chosen:
         pictures.remove(picture)
     columns = [
