@@ -37,7 +37,9 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
             try:
                 effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))
             except ValueError:
-                raise UseError(f"--fit {word}", f"is outside the range of {name}", "see docs/simulation.md") from None
+                raise UseError(
+                    f"--fit {word}", f"is outside the range of {name}", "see docs/rig-file-reference.md"
+                ) from None
             effects += phases(scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0))
     if not effects:
         raise UseError("--fit", "does not name an effect", f"write some of {', '.join(VOCABULARY)}")
