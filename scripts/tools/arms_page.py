@@ -124,13 +124,20 @@ def page() -> str:
     lines = [
         "## The arms",
         "",
-        f"The last columns compare the flange over {POSTURES} random postures within the limits: largest distance and",
-        "angle between the library and its sources in their original form (the joint chain of a URDF, or other",
-        "Denavit-Hartenberg rows). *Exact* is below 1e-6 mm and rad. `rig arms NAME` prints the sources.",
+        "| maker | arms |",
+        "| --- | --- |",
+        *(
+            f"| {maker} | {', '.join(f'`{one.name}`' for one in arms if one.maker == maker)} |"
+            for maker in _makers(arms)
+        ),
         "",
-        "| name | arm | repeatability | source | second | third |",
-        "| --- | --- | --- | --- | --- | --- |",
-        *map(_row, arms),
+        "The flange agrees with two or three sources in their original form (the joint chain of a URDF, or other",
+        f"Denavit-Hartenberg rows) within 1e-6 mm and rad over {POSTURES} random postures. Exceptions, with the",
+        "largest distance and angle:",
+        "",
+        "| arm | source | second | third |",
+        "| --- | --- | --- | --- |",
+        *filter(None, map(_row, arms)),
         "",
         "The source of the Doosan has 1.571 for right angles; the library has right angles.",
         "",
@@ -142,9 +149,14 @@ def page() -> str:
     return HEAD + "\n".join(lines)
 
 
+def _makers(arms: list[LibraryArm]) -> list[str]:
+    return list(dict.fromkeys(one.maker for one in arms))
+
+
 def _row(arm: LibraryArm) -> str:
-    repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
-    return f"| `{arm.name}` | {arm.maker} {arm.model} | {repeatability} | {' | '.join(_cells(arm))} |"
+    """Row of an arm that differs from a source; empty if it agrees with all of them."""
+    cells = list(_cells(arm))
+    return f"| `{arm.name}` | {' | '.join(cells)} |" if {*cells} - {"exact", ""} else ""
 
 
 def _differences() -> Iterator[str]:
