@@ -259,6 +259,9 @@ class _SummaryWords(ActWords):
                 is_certain &= named_part is not None and outweighs_unexplained(diagnosis, named_part)
             causes.append(_Cause(part.share, self._part(part), is_certain, is_single=is_single))
         for part in diagnosis.budget:
+            # A small fault does not lead over a large part of which only the name is open.
+            if diagnosis.standing and self._is_open_name(part):
+                causes.append(_Cause(part.share, self._part(part), False))
             imitated = diagnosis.named_of(part)
             if part.share > LARGE_SHARE and imitated and imitated.doubt in IMITATED:
                 why = self.texts(f"doubt_{imitated.doubt}")
@@ -272,6 +275,14 @@ class _SummaryWords(ActWords):
         if named is None or likely_rivals(named) or not has_certain_contribution(self.diagnosis, part):
             return False
         return named.probability + named.alternatives.get("healthy", 0.0) >= CONFIRMED
+
+    def _is_open_name(self, part: BudgetPart) -> bool:
+        """True if a large part is certainly one of an effect, its rivals and usual errors, and it is open which."""
+        named = self.diagnosis.named_of(part)
+        if named is None or named.is_confirmed or named.doubt in IMITATED or part in large_parts(self.diagnosis):
+            return False
+        known = named.probability + sum(rival.probability for rival in named.rivals)
+        return part.share > LARGE_SHARE and known + named.alternatives.get("healthy", 0.0) >= CONFIRMED
 
     def _share(self, part: BudgetPart) -> str:
         return self.texts("share_of_error", share=percent(min(part.share, 1.0)))

@@ -309,6 +309,20 @@ def test_certain_part_leads_although_its_name_is_open(healthy, badge):
     assert ("possible_member" in keys_of(summary.headline)) == (badge == "badge_cause_found")
 
 
+@pytest.mark.parametrize(("rival", "leads"), [(0.36, True), (0.1, False)])
+def test_small_fault_does_not_lead_over_a_large_part_of_which_the_name_is_open(rival, leads):
+    """The growth of the ball link, 0.3 % of the error, led over a gear error of axis 1 or a reversal error, 93 %."""
+    open_cause = replace(
+        ZERO, doubt="usual", rivals=(replace(ZERO.rivals[0], probability=rival),), alternatives={"healthy": 0.02}
+    )
+    large = BudgetPart("effect", 5.1, 3.0, 0.93, axis=5, name="joint_offset 5", index=1, rank="undecided", odds=0.62)
+    small = BudgetPart("effect", 0.3, 0.05, 0.003, axis=1, name="backlash 1", index=0, rank="unusual", odds=1.0)
+    found = diagnosis("named", effects=(PLAY, open_cause), budget=(large, small))
+    summary = summarise(found)
+    assert keys_of(summary.badge) == ("badge_cause_open" if leads else "badge_cause_found",)
+    assert ("also_a_fault" in keys_of(summary.headline)) == leads
+
+
 @pytest.mark.parametrize(("um", "badge"), [(1.0, "badge_cause_found"), (3.0, "badge_outside_library")])
 def test_cause_leads_if_it_explains_much_more_than_remains_unexplained(um, badge):
     model = calibrated_model(judged=None)
