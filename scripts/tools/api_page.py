@@ -21,9 +21,9 @@ from typing import Any
 HEAD = """\
 # The Python API
 
-The functions of `rig` for scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb), which
-`pip install . jupyterlab` and `jupyter lab docs/notebook/first-steps.ipynb` open in a separate environment, or with
-five lines:
+This page describes the functions of `rig` for scripts and notebooks. Start with the
+[notebook](notebook/first-steps.ipynb), which `pip install . jupyterlab` and
+`jupyter lab docs/notebook/first-steps.ipynb` open in a separate environment, or with five lines:
 
 ```python
 from analysis import evaluate, load_run

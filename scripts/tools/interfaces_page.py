@@ -12,8 +12,9 @@ from pathlib import Path
 HEAD = """\
 # Interfaces to gauges and robots
 
-The interfaces that a [rig file](rig-file.md) can name, with their default line settings. `rig interfaces` also prints
-the source of each protocol, what is in doubt, and the time of a reading. The standing of a protocol is
+This page lists the interfaces that a [rig file](rig-file.md) can name, with their default line settings.
+`rig interfaces` also prints the source of each protocol, what is in doubt, and the time of a reading. The standing of a
+protocol is
 
 - *confirmed*: read in the manual of the maker or in public code, or recorded from an instrument;
 - *weak*: second-hand;
