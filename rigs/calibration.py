@@ -58,6 +58,10 @@ class CalibrationFile(Part):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
+MOST_POSTURES = 60
+"""Number of measured postures in a calibration, as many as are otherwise spread over the range of the joints."""
+
+
 class CalibratedRun(Part):
     name: Annotated[str, Field(max_length=300)]
     sha256: Annotated[str, Field(max_length=64)]
@@ -129,6 +133,11 @@ class CalibratedModel(Part):
     runs: tuple[CalibratedRun, ...]
     joints_deg: tuple[tuple[float, float], ...] = Field(min_length=FEWEST_AXES, max_length=MOST_AXES)
     """Range of each joint in the runs. Outside of it, and of `rail_mm`, the terms equal their prior."""
+    postures_deg: tuple[tuple[float, ...], ...] = Field(
+        default=(), max_length=MOST_POSTURES, exclude_if=lambda value: not value
+    )
+    """Measured postures, evenly drawn from those of all poses and touches. Empty for circles, and for an arm on a
+    rail."""
     rail_mm: tuple[float, float] | None = Field(default=None, exclude_if=lambda value: value is None)
     reach_mm: float | None = Field(default=None, ge=0, exclude_if=lambda value: value is None)
     """Largest distance between a validating placement and the other sockets, for touches only."""

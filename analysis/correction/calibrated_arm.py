@@ -14,7 +14,7 @@ import numpy as np
 from analysis.correction.corrected_targets import corrected, reached_angles
 from analysis.correction.pose_uncertainty import PoseUncertainty, covered, places_u_mm, pose_uncertainty, where_known
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import FEWEST_TAUGHT, left_out_mm, spread_angles, tool_poses
+from analysis.correction.work import FEWEST_TAUGHT, left_out_mm, taught_angles, tool_poses
 from analysis.robot.kinematics.arm import Array, Mask, arm_of
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
@@ -54,7 +54,8 @@ class ArmPoses:
     u_frame_mm: Array
     """The same as `u_mm` in a frame taught with the robot, which most programs use; often many times smaller.
 
-    It is taught at these postures if the runs cover at least twelve of them, or else over the measured joint ranges.
+    It is taught at these postures if the runs cover at least twelve of them, or else at those that were measured: for
+    circles, over the range of their joints.
     """
 
 
@@ -224,7 +225,7 @@ class CalibratedArm:
         inside = covered(self._pose_uncertainty, q)
         taught = q if inside is None else q[inside]
         if len(taught) < FEWEST_TAUGHT:
-            taught = spread_angles(self.rig, self._pose_uncertainty.joints_rad)[:, : q.shape[1]]
+            taught = taught_angles(self.rig, self._pose_uncertainty.joints_rad)[:, : q.shape[1]]
         both = places_u_mm(self.rig, self._pose_uncertainty, q, taught)
         left_mm = np.linalg.norm(stays, axis=1)
         return np.array([where_known(self._pose_uncertainty, q, np.hypot(u_mm, left_mm)) for u_mm in both])

@@ -30,7 +30,7 @@ from analysis.correction.work import (
     rest_effects,
     rest_mm,
     rms_um,
-    spread_angles,
+    taught_angles,
     tool_places,
     tool_poses,
     used_effects,
@@ -194,7 +194,7 @@ def corrected(
     rows = slice(None) if inside is None else inside
     taught, frame = q[done][rows], nominal[rows]
     if too_few := len(taught) < FEWEST_TAUGHT:
-        taught = spread_angles(rig, uncertainty.joints_rad)[:, : q.shape[1]]  # a rail at zero is left out
+        taught = taught_angles(rig, uncertainty.joints_rad)[:, : q.shape[1]]  # a rail at zero is left out
         frame = forward(arm, taught)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
     before, marks, unknown = tool_places(rig, used, q[done]), None, np.full(len(q), "", dtype=object)

@@ -36,7 +36,7 @@ from analysis.correction.work import (
     real_model,
     rest_effects,
     rest_mm,
-    spread_angles,
+    taught_angles,
     tool_places,
     tool_poses,
     used_effects,
@@ -306,7 +306,7 @@ class ChangedArm(PointOrigin):
         squares = np.zeros((2, len(q)))
         for rig, supported, at in zip((self.then, self.now), self._supported, (q, new), strict=True):
             uncertainty = pose_uncertainty(rig, supported)
-            taught = at if len(at) >= FEWEST_TAUGHT else spread_angles(rig, uncertainty.joints_rad)[:, : q.shape[1]]
+            taught = at if len(at) >= FEWEST_TAUGHT else taught_angles(rig, uncertainty.joints_rad)[:, : q.shape[1]]
             squares += np.square(places_u_mm(rig, uncertainty, at, taught))
             if (mask := covered(uncertainty, at)) is not None:
                 reasons = why_unknown(rig, uncertainty, at)

@@ -16,7 +16,7 @@ from analysis.correction.corrected_targets import NotCorrected, corrected_angles
 from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty
 from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER
 from analysis.correction.support import Support
-from analysis.correction.work import spread_angles, tool_places, used_effects
+from analysis.correction.work import taught_angles, tool_places, used_effects
 from analysis.robot.kinematics.arm import Arm, Array, Integers, controller_arm, forward
 from analysis.robot.kinematics.inverse import NO_BRANCH, branch_of, inverse
 from analysis.robot.kinematics.joint_limits import within_limits
@@ -228,7 +228,7 @@ def disagreeing(
     error_mm = np.linalg.norm(tool_places(rig, used_effects(rig, supported), q) - poses[rows][:, :3, 3], axis=1)
     uncertainty = pose_uncertainty(rig, supported)
     first = np.array([of_target[0] for of_target in several.values()])
-    u_mm = frame_u_mm(rig, uncertainty, first, spread_angles(rig, uncertainty.joints_rad))
+    u_mm = frame_u_mm(rig, uncertainty, first, taught_angles(rig, uncertainty.joints_rad))
     left = []
     for k, u in zip(several, u_mm.tolist(), strict=True):
         of_target = rows == k

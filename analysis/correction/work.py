@@ -71,6 +71,14 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
     return np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, len(low)))
 
 
+def taught_angles(rig: Rig, joints_rad: Array | None) -> Array:
+    """Postures (n, axes) rad that teach frame and tool if there are too few targets: those that were measured, or else
+    spread over the joint angles (6, 2) rad of the runs. The arm may never have been there, so that the model is
+    uncertain, and a frame taught there wrong."""
+    measured = rig.calibrated.postures_deg if rig.calibrated else ()
+    return np.radians(measured) if len(measured) >= FEWEST_TAUGHT else spread_angles(rig, joints_rad)
+
+
 def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
     """Postures (n, 6) rad of the work area; if there are too few, spread over those of the runs."""
     work = work_angles(rig)

@@ -25,7 +25,7 @@ from analysis.apps.planning.possible_readings import (
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import FEWEST_TAUGHT, spread_angles, work_or_spread
+from analysis.correction.work import FEWEST_TAUGHT, taught_angles, work_or_spread
 from analysis.procedures.simulate import touch_of, with_ball
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.runs.tables import TouchTable
@@ -186,7 +186,7 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
         known = _Known(error.before_um / 1e3, stays, unexplained, is_validated)
     measured = rig if is_usable else rig.nominal
     readings = possible_readings(rig, sight)
-    taught = q if len(q) >= FEWEST_TAUGHT else spread_angles(rig, joints)
+    taught = q if len(q) >= FEWEST_TAUGHT else taught_angles(rig, joints)
     pool = pool_of_readings(measured, readings, q, taught)
     return decide(pool, readings, known)
 

@@ -20,6 +20,7 @@ from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.predict import SetUp
 from analysis.runs.loading import Measured
 from rigs.calibration import (
+    MOST_POSTURES,
     TIMES,
     CalibratedModel,
     CalibratedRun,
@@ -75,6 +76,7 @@ def calibrated_model(
         version=version(),
         runs=tuple(CalibratedRun(name=run.run.manifest.name, sha256=run.run.readings_sha256) for run in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
+        postures_deg=_measured_postures(runs) if arm.rail is None else (),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
         setups={name: _placed(setup, poses=name in of_poses) for name, setup in setups.items()},
         before_um=train.before_um,
@@ -88,6 +90,20 @@ def calibrated_model(
         factor=packed_factor(limited_root(root, (*terms, *background), parameters)),
     )
     return calibrated if rig.calibrated is None else _combine_calibrations(rig.calibrated, calibrated)
+
+
+_POSTURE_DECIMALS = 2
+"""Decimals of measured postures in degrees: 0.17 mm at 1 m, far below the size of a frame."""
+
+
+def _measured_postures(runs: Sequence[ObservedRun]) -> tuple[tuple[float, ...], ...]:
+    """Postures in degrees, evenly drawn from the readings of positions."""
+    measured = [run.table.q[run.rows][:, : run.model.arm.axes] for run in runs if run.facts.of_places]
+    if not measured:
+        return ()
+    q = np.degrees(np.concatenate(measured))
+    rows = np.unique(np.linspace(0, len(q) - 1, MOST_POSTURES).astype(int))
+    return tuple(tuple(row) for row in q[rows].round(_POSTURE_DECIMALS).tolist())
 
 
 def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
@@ -124,9 +140,18 @@ def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> Cali
     rails = [model.rail_mm for model in (before, new) if model.rail_mm]
     return new.with_values(
         rail_mm=(min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
-        runs=(*before.runs, *new.runs), joints_deg=tuple(joints), terms=tuple(terms), parameters=tuple(parameters),
-        factor=packed_factor(root),
+        runs=(*before.runs, *new.runs), joints_deg=tuple(joints),
+        postures_deg=_half_of_each(before.postures_deg, new.postures_deg),
+        terms=tuple(terms), parameters=tuple(parameters), factor=packed_factor(root),
     )  # fmt: skip
+
+
+def _half_of_each(
+    before: tuple[tuple[float, ...], ...], new: tuple[tuple[float, ...], ...]
+) -> tuple[tuple[float, ...], ...]:
+    """The postures of two calibrations, every second one if they are too many."""
+    step = 2 if len(before) + len(new) > MOST_POSTURES else 1
+    return (*before[::step], *new[::step])
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
-from analysis import calibrated_arm
+from analysis import calibrate, calibrated_arm
 from analysis.apps.programs.compensated import ahead_of_plays, targets_of
 from analysis.apps.programs.planned import plans_of
 from analysis.correction.corrected_targets import corrected
+from analysis.correction.pose_uncertainty import places_u_mm
 from analysis.correction.support import known_plays, supports
-from analysis.correction.work import tool_poses
+from analysis.correction.work import spread_angles, tool_poses
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.predict import model_of
 from rigs.calibration import TIMES, CovarianceParameter, ModelAssessment, PlacedSetUp, Term, packed_factor
@@ -16,6 +17,8 @@ from rigs.load import load
 from rigs.rig import Rig
 from tests.support.changed_arms import changed, within_limits
 from tests.support.handmade_calibration import NAMED, calibrated_model, written
+from tests.support.pose_runs import pose_run
+from tests.worlds.arms.independent_arm import cell, healthy
 
 SOFT = Compliance(axis=2, deg_per_Nm=5e-4)
 
@@ -167,3 +170,18 @@ def test_posture_that_selects_a_solution_is_named():
     np.testing.assert_allclose(found.near_deg, [[0, 20, 10, 0, 60, 0]])
     np.testing.assert_allclose(found.q_deg[0], [5, 25, 10, 5, 55, 5], atol=1e-6)
     assert arm.inverse(T, near_deg=[0, 20, 10, 180, -60, 180]).q_deg[0][4] < 0
+
+
+def test_frame_of_few_poses_is_taught_at_the_measured_postures():
+    rng = np.random.default_rng(5)
+    arm = cell("ur10e", healthy(rng), rng)
+    # Clusters: no pose lies near most corners of the range of the joints.
+    middles = np.radians([[-60.0, -100, 100, -90, -60, 0], [0, -70, 70, 0, 60, 90], [70, -120, 130, 90, -90, -120]])
+    q = np.concatenate([middle + rng.uniform(-0.35, 0.35, (10, 6)) for middle in middles])
+    seen = arm.seen(q, rng)
+    calibrated = calibrate(pose_run("ur10e", seen.q, seen.xyz_mm)).calibrated_arm()
+    few, many = calibrated.forward(np.degrees(q[::7])), calibrated.forward(np.degrees(q))
+    np.testing.assert_allclose(few.u_frame_mm, many.u_frame_mm[::7], rtol=0.5)
+    spread = spread_angles(calibrated.rig, np.radians(calibrated.rig.calibrated.joints_deg))
+    at_corners = places_u_mm(calibrated.rig, calibrated._pose_uncertainty, q[::7], spread)[1]
+    assert (few.u_frame_mm < 0.8 * at_corners).all()
