@@ -1,5 +1,7 @@
 """Count of the computations of a diagnosis, which no other process on the computer changes."""
 
+import pytest
+
 from analysis import diagnose, load_run
 from analysis.diagnosis.fit.selection import Selection
 from rigs.effects import Backlash, TransmissionError
@@ -7,6 +9,8 @@ from rigs.schema.effect import name_of
 from tests.support.diagnosis_cells import healthy, healthy_columns, holding, shown_by, white
 from tests.support.measured_series import DATA
 from tests.trials.golden.golden import CASES
+
+pytestmark = pytest.mark.cpu_limit(300)  # the counts are the limit, also on a slow processor
 
 USUAL = [
     Backlash(axis=2, width_deg=0.012),

@@ -7,22 +7,20 @@ it makes of 123456, 0x47F12000, as libmodbus' own tests do.
 import ctypes
 import ctypes.util
 import os
-import threading
-import time
 import tty
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import pytest
 
 import daq.gauges
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import FaultKind, Host, Item, Sample
-from daq.wire.conversation_loop import run_conversation
-from daq.wire.links import open_link
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus
+from tests.support.simulated_conversation import S, Script
 
 _FOUND = ctypes.util.find_library("modbus") or os.environ.get("LIBMODBUS")
 pytestmark = pytest.mark.skipif(_FOUND is None, reason="libmodbus is not installed (apt install libmodbus5)")
@@ -64,71 +62,71 @@ def _mapping(library: ctypes.CDLL, layout: str, value: float) -> ctypes.c_void_p
     return made
 
 
-def _serve(library: ctypes.CDLL, context: ctypes.c_void_p, mapping: ctypes.c_void_p, stop: threading.Event) -> None:
-    query = (ctypes.c_uint8 * 260)()
-    library.modbus_set_indication_timeout(context, 0, 100_000)
-    while not stop.is_set():
-        size = library.modbus_receive(context, query)
-        if size > 0:
-            library.modbus_reply(context, query, size, mapping)
-        elif size < 0:
-            time.sleep(0.002)
+@dataclass
+class _RtuUnit:
+    """A unit of libmodbus behind a terminal. It answers a request when asked to, however slow the computer is."""
+
+    library: ctypes.CDLL
+    context: ctypes.c_void_p
+    mapping: ctypes.c_void_p
+    master: int
+
+    def answer(self, request: bytes) -> bytes:
+        """Answer to a request; empty if the unit ignores it, or takes it for the answer of another unit."""
+        os.write(self.master, request)
+        query = (ctypes.c_uint8 * 260)()
+        size = self.library.modbus_receive(self.context, query)
+        sent = self.library.modbus_reply(self.context, query, size, self.mapping) if size > 0 else 0
+        answer = b""
+        while len(answer) < sent:
+            answer += os.read(self.master, sent - len(answer))
+        return answer
 
 
 @contextmanager
-def _rtu_unit(unit: int, layout: str, value: float) -> Iterator[str]:
+def _rtu_unit(unit: int, layout: str, value: float) -> Iterator[_RtuUnit]:
     library = _library()
     master, slave = os.openpty()
     tty.setraw(slave)
-    far_master, far_slave = os.openpty()
-    tty.setraw(far_slave)
-    stop = threading.Event()
-
-    def carry(source: int, target: int) -> None:
-        os.set_blocking(source, False)
-        while not stop.is_set():
-            try:
-                os.write(target, os.read(source, 300))
-            except BlockingIOError:
-                time.sleep(0.0005)
-
     context = ctypes.c_void_p(library.modbus_new_rtu(os.ttyname(slave).encode(), 115200, ctypes.c_char(b"N"), 8, 1))
     library.modbus_set_slave(context, unit)
     assert library.modbus_connect(context) == 0
-    threads = [
-        threading.Thread(target=carry, args=(master, far_master)),
-        threading.Thread(target=carry, args=(far_master, master)),
-        threading.Thread(target=_serve, args=(library, context, _mapping(library, layout, value), stop)),
-    ]
-    for thread in threads:
-        thread.start()
+    library.modbus_set_indication_timeout(context, 60, 0)
+    library.modbus_set_byte_timeout(context, 0, 50_000)
     try:
-        yield os.ttyname(far_slave)
+        yield _RtuUnit(library, context, _mapping(library, layout, value), master)
     finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
         library.modbus_close(context)
-        for descriptor in (master, slave, far_master, far_slave):
+        for descriptor in (master, slave):
             os.close(descriptor)
 
 
-def _gauge(port: str, layout: str, **changes: object) -> ModbusMap:
+def _gauge(layout: str, **changes: object) -> ModbusMap:
     laid = (ctypes.c_uint16 * 2)()
     getattr(_library(), f"modbus_set_float_{layout}")(ctypes.c_float(123456), laid)
     word_order, byte_order = ORDERS[laid[0], laid[1]]
-    fields = {"port": port, "unit": 7, "address": FIRST, "count": 2, "value": {"address": FIRST, "type": "float32"}}
+    fields = {
+        "port": "/dev/ttyUSB0",
+        "unit": 7,
+        "address": FIRST,
+        "count": 2,
+        "value": {"address": FIRST, "type": "float32"},
+    }
     orders = {"word_order": word_order, "byte_order": byte_order, "line": str(LINE), "rate_hz": 200, "timeout_s": 0.2}
     return modbus(**(PLAIN | fields | orders | changes))
 
 
-def _items(host: Host, port: str, enough: int) -> list[Item]:
-    items: list[Item] = []
-    link = open_link("g1", port, LINE)
-    until = time.monotonic() + 60
-    run_conversation(link, host, items.extend, lambda: len(items) >= enough or time.monotonic() > until)
-    link.close()
-    return items
+def _items(host: Host, unit: _RtuUnit, enough: int) -> list[Item]:
+    """Items of a host in simulated time. Each answer arrives 5 ms after its request."""
+    script = Script(host)
+    while len(script.items) < enough:
+        request, script.sent = script.sent, b""
+        answer = unit.answer(request) if request else b""
+        if answer:
+            script.receive(answer, script.now_ns + S // 200)
+        else:
+            script.wake()
+    return script.items
 
 
 def _values(items: Sequence[Item]) -> set[float]:
@@ -138,14 +136,14 @@ def _values(items: Sequence[Item]) -> set[float]:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_each_layout_of_a_float_over_rtu(layout):
-    with _rtu_unit(7, layout, -12.3456) as port:
-        assert _values(_items(daq.gauges.host([_gauge(port, layout)]), port, 20)) == {-12.3456}
+    with _rtu_unit(7, layout, -12.3456) as unit:
+        assert _values(_items(daq.gauges.host([_gauge(layout)]), unit, 20)) == {-12.3456}
 
 
 def test_missing_unit_on_a_line_with_libmodbus():
-    with _rtu_unit(7, "abcd", 1.25) as port:
-        gauges = [_gauge(port, "abcd"), _gauge(port, "abcd", unit=8, timeout_s=0.05)]
-        items = _items(daq.gauges.host(gauges), port, 60)
+    with _rtu_unit(7, "abcd", 1.25) as unit:
+        gauges = [_gauge("abcd"), _gauge("abcd", unit=8, timeout_s=0.05)]
+        items = _items(daq.gauges.host(gauges), unit, 60)
     samples = samples_of(items)
     faults = faults_of(items)
     assert {sample.values[0] for sample in samples} == {1.25} and len(samples) > 20
@@ -155,7 +153,7 @@ def test_missing_unit_on_a_line_with_libmodbus():
 
 
 def test_its_refusals_are_understood():
-    with _rtu_unit(7, "abcd", 1.25) as port:
-        gauge = _gauge(port, "abcd", address=FIRST + REGISTERS, value={"address": FIRST + REGISTERS, "type": "float32"})
-        (fault, *_) = _items(daq.gauges.host([gauge]), port, 1)
+    with _rtu_unit(7, "abcd", 1.25) as unit:
+        gauge = _gauge("abcd", address=FIRST + REGISTERS, value={"address": FIRST + REGISTERS, "type": "float32"})
+        (fault, *_) = _items(daq.gauges.host([gauge]), unit, 1)
     assert "ILLEGAL_ADDRESS" in fault.detail

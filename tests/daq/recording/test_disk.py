@@ -2,6 +2,7 @@ import errno
 import os
 import shutil
 import threading
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,13 @@ class Written:
 
     def stop(self) -> Any:
         return self.recorder.stop_run().result()
+
+    def start(self, recording: RecordingRequest) -> Future[Path]:
+        """Start a run after new readings, which are not in it: on a slow computer the last ones could be too old."""
+        delivered = self.delivered
+        self.deliver()
+        self.delivered = delivered
+        return self.recorder.start_run(recording)
 
     def until_it_goes_on(self) -> None:
         while self.round()["recording"] is None:
@@ -342,7 +350,7 @@ def test_slow_close_delays_neither_watchdog_nor_next_run(written, stalled):
     closing = written.recorder.stop_run()
     assert stalled.reached.wait(60)
     written.rounds(1)
-    follower = written.recorder.start_run(NEXT).result()
+    follower = written.start(NEXT).result()
     written.rounds(1)
     assert not closing.done() and written.recorder.state()["recording"] == "next"
     stalled.open()
@@ -375,7 +383,7 @@ def test_a_slow_write_keeps_no_reader_waiting(written, gate, monkeypatch, caplog
 def test_slowly_created_run_contains_all_samples_since(written, making, stopped):
     written.stop()
     written.delivered = 0
-    beginning = written.recorder.start_run(NEXT)
+    beginning = written.start(NEXT)
     assert making.reached.wait(60)
     written.rounds(4)  # each would wait for ever, were it to wait for the disk
     state = written.recorder.state()
@@ -398,7 +406,7 @@ def test_samples_during_the_start_of_a_run_are_bounded(written, making, monkeypa
     monkeypatch.setattr("daq.recording.active_run.MOST_PENDING", 30)
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
     written.stop()
-    beginning = written.recorder.start_run(NEXT)
+    beginning = written.start(NEXT)
     assert making.reached.wait(60)
     written.rounds(12)
     making.open()
@@ -449,15 +457,15 @@ def test_disk_without_runs_gets_no_further_request(written, making):
     ending = []
     for _ in range(2):
         written.deliver()
-        written.recorder.start_run(NEXT)
+        written.start(NEXT)
         ending.append(written.recorder.stop_run())
     written.deliver()
     with refused("recording.running", "runs, which were stopped early"):
-        written.recorder.start_run(NEXT)
+        written.start(NEXT)
     making.open()
     assert len({end.result().path for end in ending}) == 2
     written.begun()
-    written.recorder.start_run(NEXT).result()
+    written.start(NEXT).result()
     written.stop()
 
 
@@ -467,7 +475,7 @@ def test_program_error_during_the_start_of_a_run_ends_the_daemon(written, monkey
     ended: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
     monkeypatch.setattr(daq.recording.active_run.PlausibilityCheck, "check", lambda *_: 1 / 0)
-    beginning = written.recorder.start_run(NEXT)
+    beginning = written.start(NEXT)
     with pytest.raises(ZeroDivisionError):
         beginning.result(20)
     written.recorder._io.shut_down()

@@ -7,15 +7,18 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from analysis.apps.commission import gauge_questions
 from analysis.cli import app
+from daq.discovery.attempts import FoundGauge
+from daq.discovery.port_search import PortReport
 from rigs.arms import load_arm
-from rigs.load import load
+from rigs.load import load, parse
 from rigs.schema.limits import Limit, shared_limit
 from tests.support.bench import BIN
 from tests.support.command_line import json_of, succeeded
 from tests.support.live_terminal import Terminal
 from tests.support.person import Person
-from tests.support.unknown_cells import UnknownCell, switched_on
+from tests.support.unknown_cells import UnknownCell, cell_text, switched_on
 
 QUICK = "--listen-s 0.3"
 
@@ -270,10 +273,13 @@ def test_file_created_meanwhile_is_left_alone(tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_two_gauges_need_names_without_a_terminal(tmp_path):
+def test_two_gauges_need_names_without_a_terminal(tmp_path, monkeypatch):
+    gauges = [gauge for _, gauge in parse(cell_text("keyence", "ur"), "unknown").gauges]
+    found = tuple(FoundGauge(gauge, 1.0, 10.0, "requests") for gauge in gauges)
+    port = gauges[0].port
+    monkeypatch.setattr(gauge_questions, "search", lambda *_: [PortReport(port, "", found)])
     with switched_on("keyence", "ur") as unknown:
         given = " ".join(["cell.yaml --robot", unknown.robot, *unknown.robot_is_named, QUICK])
-        (port,) = unknown.gauge_ports
         for more in (f"--arm ur10e --port {port}", f"--g1 {port}"):
             assert refused(tmp_path, f"{given} {more}") == "rig_file.invalid"
 
