@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -115,6 +116,7 @@ _APPS = {
 }
 """App that contains a module of commands, as cli_FILE; all other modules are in this package."""
 
+_FOLDER_OF_APPS = Path(__file__).parents[1] / "apps"
 _ADDED = {"record": "analysis.apps.commission.cli_touch"}
 """Module of an app that adds a command to a group."""
 
@@ -231,6 +233,12 @@ def keep_freed_memory() -> None:
             mallopt(parameter, size_bytes)
 
 
+def _is_installed(command: str) -> bool:
+    """False for a command whose app was removed from the installation."""
+    app_folder = _APPS.get(_FILES.get(command, command))
+    return app_folder is None or (_FOLDER_OF_APPS / app_folder).is_dir()
+
+
 class _RigCommands(CommandGroup):
     """The commands of `rig` as listed; only the called command is imported."""
 
@@ -240,6 +248,7 @@ class _RigCommands(CommandGroup):
             name: Command(name, help=summary, rich_help_panel=job)
             for job, summaries in JOBS.items()
             for name, summary in summaries.items()
+            if _is_installed(name)
         }
 
     def invoke(self, ctx: Any) -> Any:
