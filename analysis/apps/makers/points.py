@@ -6,8 +6,9 @@ nothing else refers to it and, for a pose, every external axis moved by the prog
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Literal, cast
 
 import numpy as np
@@ -76,8 +77,8 @@ class Points:
     notices: list[Notice] = field(default_factory=list)
     left: list[UncorrectedTarget] = field(default_factory=list)
     sets: list[NamedFrame] = field(default_factory=list)
-    alone: dict[str, list[Usage]] = field(default_factory=dict)
-    """Uses of each point without concurrent code."""
+    uses_alone: Callable[[], dict[str, list[Usage]]] = dict
+    """Uses of each point without concurrent code; empty if there is none."""
 
     def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
         """Add a point. A second one under the same key makes its meaning uncertain."""
@@ -102,8 +103,8 @@ class Points:
         usages = _in_base(usages_of(program), foot)
         for key, of_point in self._by_point(usages).items():
             self.declared[key].usages = of_point
-        if program.beside or program.broken:
-            self.alone = self._by_point(_in_base(usages_of(replace(program, beside=(), broken=())), foot))
+        alone = replace(program, beside=(), broken=())
+        self.uses_alone = cache(lambda: {} if alone == program else self._by_point(_in_base(usages_of(alone), foot)))
         targets, places, skipped = self._targets()
         arcs = _arcs(usages, places)
         steps = tuple(
@@ -147,8 +148,8 @@ class Points:
     def _reason(self, key: str, point: Point) -> _Because | None:
         """The reason for leaving a point, if any: the one that would remain without the concurrent code."""
         why = next(_reasons(point), None)
-        if why and why[0] == "not_understood" and key in self.alone:
-            others = _reasons(replace(point, usages=self.alone[key]))
+        if why and why[0] == "not_understood" and (usages := self.uses_alone().get(key)):
+            others = _reasons(replace(point, usages=usages))
             why = next((other for other in others if other[0] != "not_understood"), why)
         return why
 

@@ -210,13 +210,19 @@ class _Machine:
         concurrent = (*program.beside, *program.broken)
         self.pinned = self._concurrent_changes(concurrent)[0]
         self.programs = _programs_of(program.routines, {call.name for call in concurrent}) if concurrent else {}
+        self.effects: dict[tuple[Call, ...], tuple[Unknown | None, bool]] = {(): (None, False)}
+        """For concurrent calls: the cause if they may change everything, and True if they may move the arm."""
         self.unknown_in = {name: self._unknown_by_others(name, concurrent) for name in program.routines}
 
     def _unknown_by_others(self, routine: str, concurrent: Sequence[Call]) -> tuple[Unknown | None, bool]:
         """Cause if concurrent routines may change everything in a routine, and True if they may move the arm."""
         programs = self.programs.get(routine, set())
-        acting = [call for call in concurrent if not call.starter or programs & self.programs.get(call.starter, set())]
-        return self._concurrent_changes(acting)[1:] if acting else (None, False)
+        acting = tuple(
+            call for call in concurrent if not call.starter or programs & self.programs.get(call.starter, set())
+        )
+        if acting not in self.effects:
+            self.effects[acting] = self._concurrent_changes(acting)[1:]
+        return self.effects[acting]
 
     def _concurrent_changes(self, concurrent: Iterable[Call]) -> tuple[dict[str, Unknown], Unknown | None, bool]:
         """What concurrent routines may change: variables, the cause if all, and whether they may move the arm."""
