@@ -477,7 +477,7 @@ def _searched(
         if found := searched_readings(judge.raw, judge.bare, base):
             if found[0].value.joints.has_small_zeros(MOST_ZERO_DEG):
                 judge.zeros = f"with {found[0].words} they fit to {found[0].left:.2g} mm"
-                return [], None
+                return [(as_named, pose)], None
             return [(replace(way, words=f"{named}, with {way.words}"), pose) for way in found], (as_named, pose)
     return [], None
 

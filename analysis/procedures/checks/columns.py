@@ -49,6 +49,8 @@ _ZEROS_DEG = (90.0, -90.0, 180.0)
 """Other zeros used in practice: a quarter or half a turn away."""
 _QUARTER_DEG = 3.0
 """Distance from a quarter of a turn up to which a zero is one. Chosen: zeros of arms in use are wrong by less."""
+_ROUNDED_SHARE = 0.5
+"""Share of the largest residual of a correct meaning up to which a zero is rounded to a quarter of a turn. Chosen."""
 MOST_ZERO_DEG = 5.0
 """Largest zero that a diagnosis determines: the range of `offset_deg` in rigs/effects/joint_offset.py."""
 
@@ -88,14 +90,17 @@ def searched_meanings(bare: Arm, q: Array, xyz_mm: Array) -> list[tuple[Meaning,
         return []
     most_mm = right_mm(extent_of(xyz_mm))
     readings = search_joint_readings(bare, q, xyz_mm, most_mm)
-    found = [
-        _with_quarter_turns(one) for one in readings if one.left_mm <= most_mm and one.changes == readings[0].changes
-    ]
-    return [(_of_reading(one), left_mm(bare, one.of(q), xyz_mm, _STEPS)) for one in found]
+    found = []
+    for exact in (one for one in readings if one.left_mm <= most_mm and one.changes <= readings[0].changes):
+        # A zero near a quarter of a turn is that of a convention, unless the difference shows.
+        rounded = _with_quarter_turns(exact)
+        mm = left_mm(bare, rounded.of(q), xyz_mm, _STEPS)
+        is_quarter = mm <= max(_ROUNDED_SHARE * most_mm, AS_WELL * exact.left_mm)
+        found.append((_of_reading(rounded), mm) if is_quarter else (_of_reading(exact), exact.left_mm))
+    return found
 
 
 def _with_quarter_turns(reading: JointReading) -> JointReading:
-    """Zeros near a quarter of a turn are that of a convention, and a fault of the arm."""
     quarters = np.round(reading.zeros / (np.pi / 2)) * np.pi / 2
     is_near = np.abs(reading.zeros - quarters) <= np.radians(_QUARTER_DEG)
     return replace(reading, zeros=np.where(is_near & (quarters != 0), quarters, reading.zeros))

@@ -25,7 +25,7 @@ _SCREENED, _FITTED = 30, 80
 """Places for the comparison of all readings, and for the best ones. Chosen: 30 places have 90 coordinates for 19
 unknowns.
 """
-_REFINED, _BEST, _FEW = 160, 16, 4
+_REFINED, _BEST, _FEW = 256, 16, 4
 """Readings that are refined with a free matrix, and with a rigid base: of those as good as the best, and of others."""
 _ROUNDS, _RIGID_ROUNDS, _SETUP_STEPS, _ENOUGH = 10, 15, 12, 1e-4
 _MOST_STEP = 0.35
