@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.program_parser import ProgramParser, numbers_in, words
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Flags, Form, Notice, Parsed, ProgramTexts, Target
+from analysis.apps.makers.target import Flags, Form, NamedFrame, Notice, Parsed, ProgramTexts, Target
 from analysis.apps.makers.yaskawa.backup import TABLES, frames_in
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
@@ -346,6 +347,11 @@ def parse(program: ProgramTexts) -> Parsed:
     for step in (reader.declare, reader.read):
         for file in range(len(program.texts)):
             step(file)
+    for variable, value in reader.stated.items():
+        family, _, number = variable.rstrip("]").partition("[")
+        if isinstance(value, tuple):
+            kind: Literal["tool", "frame"] = "tool" if family == "TOOL" else "frame"
+            reader.points.sets.append(NamedFrame(number, kind, 0, 1, value))
     if program.tables:
         files = " and ".join(name for name, _ in program.tables)
         reader.points.notices.append(Notice(0, 1, f"tools and user frames are those of {files} beside it"))

@@ -269,3 +269,5 @@ def test_conditions_of_a_yaskawa_backup_replace_stated_tools_and_frames(tool_fil
     found = corrected_files(rig, tmp_path / "backup", files | tables)
     assert found.names == stated.names and len(found.names) == 2
     assert [*found.files.values()] == [*stated.files.values()]
+    other = corrected_files(rig, tmp_path / "backup", files | tables, ["3=0,0,160,0,0,0"], [f"4={numbers}"])
+    assert [(one.kind, one.name) for one in other.overruled] == [("tool", "3")]
