@@ -3,10 +3,12 @@
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from scripts.tools import night
 from scripts.tools import nightly as program
 from tests.support.nightly import moved
 
@@ -41,6 +43,39 @@ def test_tests_not_begun_in_time_are_counted(tmp_path, ends_s, ended, failed):
     assert dict(night.ended) == ended, done.stdout + done.stderr
     assert night.failed == failed and not night.is_whole
     assert program.summary(night).endswith("in 3 minutes")
+
+
+PARTS = [
+    night.Part("good", ("sh", "-c", "echo; echo 3 of 3 | cat; echo"), 1),
+    night.Part("bad", ("sh", "-c", "echo 1 of 3; exit 4"), 1),
+    night.Part("endless", ("sleep", "1000"), 0.001),
+    night.Part("absent", ("false",), 1, lambda: "not here"),
+    night.Part("late", ("false",), 1e6),
+]
+
+
+def test_night_goes_on_after_a_failure_and_shows_the_night_before(tmp_path):
+    outcomes = night.spend(PARTS, tmp_path / "logs", time.monotonic() + 3600)
+    assert [(one.result, one.detail) for one in outcomes] == [
+        ("passed", "3 of 3"),
+        ("failed", "1 of 3"),
+        ("too long", "no output"),
+        ("skipped", "not here"),
+        ("skipped", "the night was over"),
+    ]
+    page = f"before\n{night.BEGIN}\n\nnothing\n\n{night.END}\nafter\n"
+    first = night.page_with(page, outcomes, night.previous(page), "a")
+    second = night.page_with(first, outcomes[:2], night.previous(first), "b")
+    assert "| bad | failed | 0 | – | `1 of 3` |" in first and "| bad | failed | 0 | failed, 0 | `1 of 3` |" in second
+    assert second.startswith("before\n") and second.endswith("\nafter\n") and "commit a" not in second
+
+
+def test_parts_of_the_night_are_programs_that_exist_and_fit_into_it():
+    for part in night.PARTS:
+        script, name = ROOT / part.command[0], part.command[1] if part.command[0] == "scripts/dev" else ""
+        places = [ROOT / f"scripts/tools/{name}.py", ROOT / f"tests/trials/{name}.py", ROOT / f"tests/trials/{name}"]
+        assert script.exists() and (not name or any(place.exists() for place in places)), part
+    assert sum(part.minutes for part in night.PARTS) <= 3 * 60 + 40  # limits; the usual durations are shorter
 
 
 def test_tests_moved_to_the_night_exist():
