@@ -333,7 +333,7 @@ def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[Tabl
         raise FileError(judge.raw.where, problem, remedy, code="table.unclear")
     nominal = f"{right_mm(best.left / best.share) if best.share else RIGHT_MM:.3g} mm over these places"
     if judge.zeros:
-        judge.assumed.append(f"{best.line()}; {judge.zeros}: these zeros of the arm are far wrong; diagnose the run")
+        judge.assumed.append(f"{best.line()}; {judge.zeros}: these zeros, or a length, are far wrong; diagnose the run")
         return
     if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
         problem = f"does not fit the arm of the rig file, in any reading of the columns, to {nominal}; {best.line()}"

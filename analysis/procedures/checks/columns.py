@@ -213,7 +213,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     remedy = best.meaning.remedy if not as_good else "look up the convention in the controller, and correct the columns"
     strength: Strength = "decisive"
     if not as_good and is_small_zeros(best.meaning):
-        strength, remedy = "likely", f"{remedy}. A diagnosis determines zeros up to {MOST_ZERO_DEG:g}°"
+        strength, remedy = "likely", f"{remedy}. A wrong length may look the same; a diagnosis tells them apart"
     if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
         remedy += "; or correct robot.rail.direction: a rail with a different direction or sign looks the same"
     yield Finding(JOINTS, strength, best.meaning.columns, words, fact, remedy, misfit)
