@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, BandWeights, Columns, Form, Level, fault_sizes
 from analysis.diagnosis.fit.responses import Response
+from analysis.diagnosis.fit.triangles import double_triangle
 from analysis.robot.kinematics.arm import Array, Integers
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -232,7 +233,7 @@ class Background:
     @cached_property
     def spent(self) -> Array:
         """Energy of each band (b,), in noise variances, that the uncertainty of the coefficients hides."""
-        return np.tensordot(self.columns.K, self.covariance, axes=2)
+        return np.asarray(self.columns.K @ double_triangle(self.covariance), dtype=float)
 
     @cached_property
     def weighted_spent(self) -> Array:

@@ -16,6 +16,7 @@ from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
+from analysis.diagnosis.fit.triangles import double_triangle, lower_triangle, symmetric
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.runs.tables import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
@@ -110,7 +111,7 @@ _SMALLEST_FAULT = 6.0
 _MEAN = float(np.sqrt(2 / np.pi))
 """Mean magnitude of a standard normal variable."""
 WEIGHT_DIGITS, _UNEVEN, _RESIDUALS, _AMONG = 9, 4, 8, 3
-"""Digits for distinguishing reading weights; cached weighted products of a band, about 8 MB each; cached residuals; and
+"""Digits for distinguishing reading weights; cached weighted products of a band, about 5 MB each; cached residuals; and
 cached products of fitted terms.
 """
 _SIZE_RATIO = 1.85
@@ -265,36 +266,38 @@ class Columns:
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
-        """Gram matrix of the whitened columns in each band, (b, p, p)."""
-        products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
-        for part, product in zip(self.parts, products, strict=True):
-            np.matmul(part.T, part, out=product)
-        return products
+        """Lower triangles (b, t) of the Gram matrices of the whitened columns in each band."""
+        p = self.X.shape[1]
+        triangles = np.empty((len(self.parts), p * (p + 1) // 2))
+        for part, triangle in zip(self.parts, triangles, strict=True):
+            triangle[:] = lower_triangle(part.T @ part)
+        return triangles
 
     @cached_property
     def gram(self) -> Array:
-        return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
+        return symmetric(self.K.sum(axis=0))
 
     def weighted_gram(self, weight: Array) -> Array:
         """X'WX (p, p) for weights (N,), from the Gram matrices of the bands."""
         weights = self.by_band(weight)
         even = weights.scale.copy()
         even[weights.uneven] = 0.0
-        gram: Array = np.tensordot(even, self.K, axes=1)
+        gram: Array = even @ self.K
         for band in weights.uneven:
             gram += self._uneven_gram(band, weights)
-        return gram
+        return symmetric(gram)
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
         """Weighted energy of each band (b,) that a covariance (p, p) of the coefficients hides, for weights (N,)."""
-        weights = self.by_band(weight)
-        spent: Array = weights.scale * np.tensordot(self.K, covariance, axes=2)
+        weights, doubled = self.by_band(weight), double_triangle(covariance)
+        spent: Array = weights.scale * (self.K @ doubled)
         for band in weights.uneven:
-            spent[band] = np.vdot(self._uneven_gram(band, weights), covariance)
+            spent[band] = self._uneven_gram(band, weights) @ doubled
         return spent
 
     def _uneven_gram(self, band: int, weights: BandWeights) -> Array:
-        """Weighted products (p, p) of a band with unequal weights, from the few entries with reduced weight.
+        """Lower triangle (t,) of the weighted products of a band with unequal weights, from the few entries with
+        reduced weight.
 
         Cached, because a search for the noise strength scales all weights of a band equally.
         """
@@ -303,7 +306,7 @@ class Columns:
         def compute() -> Array:
             reduced = np.flatnonzero(shape != 1)
             part = np.sqrt(1 - shape[reduced])[:, None] * self.parts[band][reduced]
-            return np.asarray(self.K[band] - part.T @ part, dtype=float)
+            return np.asarray(self.K[band] - lower_triangle(part.T @ part), dtype=float)
 
         gram = recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN)
         return np.asarray(weights.scale[band] * gram, dtype=float)

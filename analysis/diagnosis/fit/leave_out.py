@@ -12,7 +12,7 @@ only once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -56,7 +56,7 @@ class LeaveOut:
 
     selection: StateEvidence
     state: SelectionState
-    causes: UnknownCauses
+    causes: UnknownCauses = field(default_factory=lambda: UnknownCauses({}))
 
     def without(self, places: Sequence[int]) -> ReducedState:
         """The state without the effects at these places, at the same noise and level."""

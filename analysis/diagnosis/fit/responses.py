@@ -26,8 +26,8 @@ from rigs.schema.effect import PHASE, Payload, name_of
 # cached with it.
 
 _Kind = TypeVar("_Kind", bound=np.generic)
-_KEPT = 4
-"""Number of responses cached for each kind and effect, at some 4 MB each: about the starting points of a round."""
+_KEPT = 2
+"""Number of responses cached for each kind and effect, at some 4 MB each with their products: the latest two."""
 
 
 @dataclass(frozen=True, eq=False)

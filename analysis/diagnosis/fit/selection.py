@@ -423,7 +423,8 @@ class Selection(StateEvidence):
         if not doubtful:
             return None
         whole = self.evidence(state)
-        gains = {k: whole - self.evidence(self._without_refit(state, k)) for k in doubtful}
+        left_out = LeaveOut(self, state)
+        gains = {k: whole - left_out.without([k]).evidence for k in doubtful}
         place = min(gains, key=lambda k: gains[k])
         without = self.without(state, place)
         if whole >= self.evidence(without):
@@ -498,13 +499,10 @@ class Selection(StateEvidence):
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Remove an effect and refit the others along their tangents."""
-        bare = self._without_refit(state, place)
-        return replace(bare, refined=self._fitted(bare, bare.effects, bare.refined))
-
-    def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
         kept = state.refined.without(place)
-        origins = (*state.origins[:place], *state.origins[place + 1 :])
-        return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
+        kept = replace(kept, residual=self.linear.residual(kept.effects))
+        bare = replace(state, refined=kept, origins=(*state.origins[:place], *state.origins[place + 1 :]))
+        return replace(bare, refined=self._fitted(bare, bare.effects, bare.refined))
 
     def with_names_only(self, state: SelectionState) -> SelectionState:
         """Remove the unknown causes and estimate the noise again."""

@@ -150,9 +150,9 @@ def has_compliant_base_only(effects: Sequence[Effect]) -> bool:
 # ----------------------------------------------------------------------------------------------------------------------
 # The backgrounds of selection states, with a cache of the most recent.
 
-_KEPT = 6
-"""Number of cached backgrounds, at some 20 MB each: twice as many saved a twentieth of the factors."""
-_GRAMS = 4
+_KEPT = 4
+"""Number of cached backgrounds, at some 20 MB each: three times as many saved a twentieth of the factors."""
+_GRAMS = 2
 """Number of cached weighted products of the columns, at some 8 MB each: a round tries two strengths."""
 
 
