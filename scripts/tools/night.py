@@ -61,6 +61,7 @@ PARTS = (
     Part(
         "proving ground, a tiny one", ("scripts/dev", "ground", "run", "dist/night/ground", "--seed", "1", "--tiny"), 10
     ),
+    Part("rooms removed", ("scripts/dev", "without", "certify", "pair", "paper", "window", "--quick"), 15),
     Part("pace", ("scripts/pace", "5", "--turns", "1"), 6),
     Part("benchmarks", ("scripts/bench",), 20, _needs_bench),
     Part("soak", ("scripts/soak", "--recording", "60", "--times", "30"), 5),

@@ -16,12 +16,24 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, link_frames
 def configuration_of(arm: Arm, q: Array) -> tuple[bool, bool, bool]:
     """Flags at joint angles q (6,) rad: flip (axis 5 is positive), up (the elbow is above the line from shoulder to
     wrist) and front (the wrist is on the side of axis 1 that the arm faces)."""
-    first, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
-    reach = wrist[:3, 3] - shoulder[:3, 3]
-    bend = elbow[:3, 3] - shoulder[:3, 3]
-    above = bend - (bend @ reach) / (reach @ reach) * reach
-    front = (wrist[:3, 3] - first[:3, 3]) @ first[:3, 0] > 0
-    return bool(q[4] > 0), bool(above @ first[:3, 2] > 0), bool(front)
+    flip, up, front = _configurations(arm, q[None])[0].tolist()
+    return flip, up, front
+
+
+def _configurations(arm: Arm, q: Array) -> Mask:
+    """Flip, up and front (n, 3) at joint angles q (n, 6) rad."""
+    frames = link_frames(arm, q)
+    first, origins = frames[:, 0, :3, :3], frames[:, :, :3, 3]
+    shoulder, elbow, wrist = origins[:, 1], origins[:, 2], origins[:, 4]
+    reach, bend = wrist - shoulder, elbow - shoulder
+    above = bend - (_dot(bend, reach) / _dot(reach, reach))[:, None] * reach
+    front = _dot(wrist - origins[:, 0], first[:, :, 0])
+    return np.column_stack([q[:, 4] > 0, _dot(above, first[:, :, 2]) > 0, front > 0])
+
+
+def _dot(a: Array, b: Array) -> Array:
+    products: Array = np.einsum("...i,...i", a, b)
+    return products
 
 
 def turns(q_rad: float) -> int:
@@ -43,25 +55,28 @@ def agreeing(
     slack_rad away.
     """
 
-    def agrees(angles: Array) -> bool:
-        if configuration_of(arm, angles) != sides:
-            return False
-        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        return all(number in {number_of(float(near[axis])) for near in around} for axis, number in numbers.items())
-
-    return np.array([agrees(angles) for angles in q])
+    good: Mask = (_configurations(arm, q) == sides).all(axis=1)
+    for row in np.flatnonzero(good):
+        around = [q[row] + shift for shift in (-slack_rad, 0.0, slack_rad)]
+        good[row] = all(number in {number_of(float(near[axis])) for near in around} for axis, number in numbers.items())
+    return good
 
 
-def wrist_in_front(arm: Arm, q: Array) -> bool:
-    """True if the wrist is at positive x of the frame that rotates with axis 1 and equals the base frame at zero."""
-    frames = link_frames(arm, np.stack([q, np.zeros(6)]))
-    turned = frames[0, 0, :3, :3] @ frames[1, 0, :3, :3].T
+def wrist_in_front(arm: Arm, q: Array) -> Mask:
+    """Mask (n,) of the joint angles q (n, 6) rad with the wrist at positive x of the frame that rotates with axis 1 and
+    equals the base frame at zero."""
+    frames = link_frames(arm, np.vstack([q, np.zeros(6)]))
+    turned = frames[:-1, 0, :3, :3] @ frames[-1, 0, :3, :3].T
     forward = turned @ arm.T_world_base[:3, 0]
-    return bool((frames[0, 4, :3, 3] - frames[0, 0, :3, 3]) @ forward > 0)
+    ahead: Mask = _dot(frames[:-1, 4, :3, 3] - frames[:-1, 0, :3, 3], forward) > 0
+    return ahead
 
 
-def beyond_stretch(arm: Arm, q: Array) -> bool:
-    """True if axis 3 has a larger angle than with shoulder, elbow and wrist on a line."""
-    _, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
-    lower, upper = elbow[:3, 3] - shoulder[:3, 3], wrist[:3, 3] - elbow[:3, 3]
-    return bool(arm.coupling[2, 2] * (np.cross(lower, upper) @ elbow[:3, 2]) >= 0)
+def beyond_stretch(arm: Arm, q: Array) -> Mask:
+    """Mask (n,) of the joint angles q (n, 6) rad where axis 3 has a larger angle than with shoulder, elbow and wrist on
+    a line."""
+    frames = link_frames(arm, q)
+    shoulder, elbow, wrist = (frames[:, link, :3, 3] for link in (1, 2, 4))
+    turning = _dot(np.cross(elbow - shoulder, wrist - elbow), frames[:, 2, :3, 2])
+    beyond: Mask = arm.coupling[2, 2] * turning >= 0
+    return beyond

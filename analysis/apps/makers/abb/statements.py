@@ -388,8 +388,7 @@ def agrees_with_confdata(arm: Arm, q: Array, values: tuple[int, ...], slack_rad:
     turned = q[:, [0, 3, 5]]
     good: Mask = np.all((turned > low - slack_rad) & (turned < low + np.pi / 2 + slack_rad), axis=1)
     if good.sum() > 1 or values[3]:
-        sides = [(not wrist_in_front(arm, angles), not beyond_stretch(arm, angles), angles[4] < 0) for angles in q]
-        good &= np.array(sides) @ [4, 2, 1] == values[3]
+        good &= 4 * ~wrist_in_front(arm, q) + 2 * ~beyond_stretch(arm, q) + (q[:, 4] < 0) == values[3]
     return good
 
 

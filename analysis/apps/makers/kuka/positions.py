@@ -194,8 +194,8 @@ def _agreeing(letters: str, arm: Arm, q: Array, values: tuple[int, ...], slack_r
     """
     stated, good = dict(zip(letters, values, strict=True)), np.full(len(q), fill_value=True)
     if "S" in stated:
-        sides = not stated["S"] & 1, bool(stated["S"] >> 1 & 1)
-        good &= [(wrist_in_front(arm, angles), beyond_stretch(arm, angles)) == sides for angles in q]
+        good &= wrist_in_front(arm, q) == (not stated["S"] & 1)
+        good &= beyond_stretch(arm, q) == bool(stated["S"] >> 1 & 1)
     if "T" in stated:
         negative = (stated["T"] >> np.arange(6)) & 1 == 1
         good &= np.all(np.where(negative, q < slack_rad, q > -slack_rad), axis=1)
