@@ -57,15 +57,15 @@ PARTS = (
     Part("storm", ("scripts/dev", "storm", "480", "--jobs", "2"), 15),
     Part("fuzz", ("scripts/dev", "fuzz", "--inputs", "100000", "--files", "3000", "--jobs", "2"), 20),
     Part("golden answers", ("scripts/dev", "golden"), 10),
-    Part("mutations of the code", ("scripts/dev", "mutants", "10"), 15),
+    Part("mutations of the code", ("scripts/dev", "mutants", "10"), 14),
     Part(
         "proving ground, a tiny one", ("scripts/dev", "ground", "run", "dist/night/ground", "--seed", "1", "--tiny"), 10
     ),
-    Part("rooms removed", ("scripts/dev", "without", "certify", "pair", "paper", "window", "--quick"), 15),
+    Part("rooms removed", ("scripts/dev", "without", "certify", "pair", "paper", "window", "--quick"), 10),
     Part("pace", ("scripts/pace", "5", "--turns", "1"), 6),
     Part("benchmarks", ("scripts/bench",), 20, _needs_bench),
     Part("soak", ("scripts/soak", "--recording", "60", "--times", "30"), 5),
-    Part("LinuxCNC", ("scripts/linuxcnc-cell", "dist/night/linuxcnc"), 25, _needs_linuxcnc),
+    Part("LinuxCNC", ("scripts/linuxcnc-cell", "dist/night/linuxcnc"), 20, _needs_linuxcnc),
     Part("service under systemd", ("scripts/dev", "booted"), 5, _needs_booted),
 )
 """In this order: what finds most comes first."""
