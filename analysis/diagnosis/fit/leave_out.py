@@ -28,7 +28,7 @@ UNDECIDED = 20.0
 """Log evidence between a state and an alternative, with all effects moved along their tangents, up to which a fit of
 the alternative decides. Chosen: log odds of 20 are a probability above 0.9997.
 """
-_RECOVERED = 300.0
+RECOVERED = 300.0
 """Log evidence lost at the noise of a state above which a new estimate of the noise leaves a loss above `UNDECIDED`.
 With n entries in a band, a loss of E becomes about n log(1 + 2 E / n) / 2: 97 for a hundred entries, 20 for ten.
 """
@@ -89,7 +89,7 @@ class LeaveOut:
         nearly as much as the state.
         """
         selection, whole, reduced = self.selection, self.selection.evidence(self.state), self.without(places)
-        if reduced.evidence < whole - _RECOVERED:
+        if reduced.evidence < whole - RECOVERED:
             return reduced.most_evidence > whole - UNDECIDED
         louder = replace(reduced.bare, strength=selection.strength(reduced.bare, selection.posterior(reduced.bare)))
         return max(reduced.most_evidence, selection.evidence(louder)) > whole - UNDECIDED

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnosis.fit.leave_out import RECOVERED, LeaveOut
 from analysis.diagnosis.fit.responses import RmsByBlock, rms_by_block
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import FAULT, SelectionState, least_fault
@@ -99,6 +100,8 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
             return state
         tried.add(names[place])
         whole = selection.evidence(state)
+        if LeaveOut(selection, state).without([place]).evidence < whole - RECOVERED:
+            continue
         without = selection.renewed(selection.without(state, place))
         if selection.evidence(without) < whole - _NEEDED:
             continue
