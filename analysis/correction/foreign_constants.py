@@ -60,11 +60,12 @@ class LinkDistances:
 
 
 def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
-    """Refuse constants given after a diagnosis against the data sheet, if the calibrated links contradict them.
+    """Refuse constants given after a diagnosis that the calibrated links contradict more than those of the rig file.
 
     Raises FileError.
     """
-    if not rig.robot.controller_axes or not rig.is_calibrated or rig.robot.linear_units:
+    given = rig.robot.controller_axes
+    if not given or not rig.is_calibrated or given == rig.robot.axes:
         return
     uncertainty = pose_uncertainty(rig, supports(rig))
     found = _distances(rig, controller_arm(rig.robot), arm_of(rig.robot), uncertainty)

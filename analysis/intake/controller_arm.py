@@ -30,6 +30,8 @@ from rigs.yaml_text import nodes_of
 DATA_SHEET = "data_sheet"
 """Given in place of a file: the controller computes with the data sheet."""
 _MOST_BYTES = 10_000_000
+_SAME_PINS_MM = 0.001
+"""Distance up to which pins are those of the rig file: HAL files have six to ten digits."""
 
 
 def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, str, ControllerConstants]:
@@ -88,7 +90,9 @@ def _from_pins(robot: Robot, path: Path) -> ControllerConstants:
     axes = tuple(axis.model_copy(update={key: getattr(its, key) for key in keys}) for axis, its in pairs)
     q = random_postures(robot)
     moved_mm, _ = largest_difference(flange_poses(robot.model_copy(update={"axes": axes}), q), flange_poses(robot, q))
-    words = f"{path}: the pins of genserkins; they move the flange by up to {moved_mm:.2f} mm"
+    words = f"{path}: the pins of genserkins"
+    if moved_mm > _SAME_PINS_MM:
+        words += f", up to {moved_mm:.2f} mm at the flange from those of the rig file: check that they are of this arm"
     unit, source = read.linear_units, read.controller_source
     return ControllerConstants(axes, "constants", moved_mm, words, source=source, linear_units=unit)
 

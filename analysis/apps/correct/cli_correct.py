@@ -205,7 +205,7 @@ def correct(
     else:
         say_answer(correction_report.answer_of(corrections))
     named = {name for program in corrections.programs for name in program.named} if corrections.programs else None
-    for doubt in [*filter(None, [rig.controller_doubt]), *stated.doubts(named)]:
+    for doubt in [*filter(None, [rig.controller_doubt]), *stated.doubts(named, rig.length_unit)]:
         say(f"doubt: {doubt}", err=True)
     say_written(written)
     why_not = correction_report.why_not(corrections)

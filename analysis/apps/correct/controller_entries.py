@@ -99,6 +99,14 @@ class Projection:
         """The changes as effects of the arm in the controller."""
         return _effects(self.constants, self.values)
 
+    @property
+    def is_possible(self) -> bool:
+        """False if a change is larger than its effect allows: the constants nearly cancel each other."""
+        try:
+            return bool(self.effects)
+        except ValueError:
+            return False
+
     def changes(self, moves: Array) -> Array:
         """Changes (k, m) in mm or degrees for displacements (k, n, 6) mm and rad of the tool.
 
@@ -131,6 +139,8 @@ class Projection:
 
         moves (k, n and more, 6): argument of `changes`.
         """
+        if fewer.constants and not fewer.is_possible:
+            return True
         now = at_controller(rig)
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(now, ()), q)
         off_mm = [real - tool_places(now, projection.effects, q) for projection in (fewer, self)]

@@ -129,12 +129,14 @@ def _first(corrections: Corrections) -> str:
 
 
 def _without_model(corrections: Corrections) -> str:
-    """The answer for programs that are right as they are or were converted; empty if no point could be converted."""
+    """The answer for programs that are right as they are, were converted, or could not be converted."""
     right = [program.path.name for program in corrections.programs if program.is_right]
     converted = [program for program in corrections.programs if program.names and not program.held]
     sources = {group.origin.since for program in converted for group in program.groups if group.origin.since}
     names = ", ".join(program.path.name for program in converted)
     sentences = [ENGLISH("correct_converted", names=names, since=", ".join(sorted(sources)))] if converted else []
+    lost = [one.path.name for one in corrections.programs if not (one.names or one.held or one.is_right)]
+    sentences += [ENGLISH("correct_not_converted", names=", ".join(lost))] if lost else []
     return joined([*sentences, ENGLISH("correct_right", names=", ".join(right)) if right else ""])
 
 
@@ -167,7 +169,8 @@ def _never_both(corrections: Corrections) -> str:
     if not corrections.at_controller:
         return ENGLISH("correct_one_method" if corrections.rig.takes_programs else "correct_one_method_targets")
     if not (corrections.at_controller.entries and corrections.path):
-        return ENGLISH("correct_entries_only") if corrections.at_controller.entries else ""
+        off_mm = f"{corrections.at_controller.taught_off_mm:.2g}"
+        return ENGLISH("correct_entries_only", mm=off_mm) if corrections.at_controller.entries else ""
     key = "correct_with_entries" if corrections.entered else "correct_without_entries"
     return ENGLISH(key, file=f"corrected-{corrections.path[0].name}")
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array, transform
 from rigs.errors import UseError
-from rigs.schema.robot import Pose, Robot
+from rigs.schema.probe import MM_PER_UNIT
+from rigs.schema.robot import LengthUnit, Pose, Robot
 from rigs.text import numbers_in
 
 _HOW = "write NAME=X,Y,Z or NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
@@ -42,12 +43,18 @@ class Frames:
                 remedy = "give X,Y,Z, and 0 for the angles; with other angles, rig cannot correct the program"
                 raise UseError(f"--frame {name.upper()}", problem, remedy, code="program.unclear")
 
-    def doubts(self, named: set[tuple[str, str]] | None) -> list[str]:
-        """Doubts about frames that are probably in metres, or that no move uses. named: kinds and names in use, None
-        without programs."""
+    def doubts(self, named: set[tuple[str, str]] | None, unit: LengthUnit | None) -> list[str]:
+        """Doubts about frames that are probably in metres or inches, or that no move uses. named: kinds and names in
+        use, None without programs. unit: of the controller."""
         doubts = []
         for kind, frames in (("tool", self.tools), ("frame", self.frames)):
             for name, frame in frames.items():
+                if unit == "inch" and np.any(frame[:3, 3]):
+                    mm, inch = frame[:3, 3].tolist(), (frame[:3, 3] / MM_PER_UNIT["inch"]).tolist()
+                    read = (
+                        f"read as {', '.join(f'{x:g}' for x in mm)} mm, which are {', '.join(f'{x:.4g}' for x in inch)}"
+                    )
+                    doubts.append(f"--{kind} {name}: {read} inch; the controller counts in inches, so compare with it")
                 if named is not None and (kind, name) not in named:
                     fact = f"the programs contain no move that certainly uses a {kind} of that name"
                     doubts.append(f"--{kind} {name}: {fact}")

@@ -1,24 +1,29 @@
 """The arm of a LinuxCNC configuration, and the values of a correction in the form of its files."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis.apps.correct.controller_entries import controller_entries
+from analysis.apps.correct.controller_entries import Constant, controller_entries, project
+from analysis.apps.correct.stated_frames import Frames
 from analysis.apps.makers.linuxcnc.values import value_files
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
+from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
 from analysis.correction.support import supports
+from analysis.correction.work import spread_angles
 from analysis.robot.description.linuxcnc_configuration import configured_robot, narrow_limits
-from analysis.robot.kinematics.arm import arm_of, forward, without_setup
+from analysis.robot.kinematics.arm import arm_of, forward, transform, without_setup
 from rigs.effects import Effect, JointOffset, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.problems import RigFileError
 from rigs.rig import Rig
+from rigs.schema.robot import Pose
 from tests.support.changed_rigs import rig_with, with_robot
 from tests.support.command_line import succeeded
 from tests.support.refusals import refused
@@ -189,3 +194,35 @@ def test_horizontal_circle_is_arcs_and_inch_machine_gets_joints_in_its_unit(tmp_
         assert len(re.findall(r"^G17 G3 .* C\S+ I\S+ J\S+ F\S+$", text, re.M)) >= 5
         joint_move = re.search(r"M68 E3 Q1\nM66 E0 L0\n(G20\n)?G1 [^\n]*\nM68 E3 Q0\nM66 E0 L0\n(G21\n)?", text)
         assert joint_move and [bool(code) for code in joint_move.groups()] == [unit == "inch"] * 2
+
+
+@pytest.mark.parametrize("change_mm", [2.5, -1.0])
+def test_pins_of_another_arm_are_refused_and_entered_values_are_not(tmp_path, change_mm):
+    rig = rig_at(tmp_path, "inch", effects=(LinkGeometry(axis=3, field="a", delta=0.6, found=found(delta=0.02)),))
+    axes = list(rig.robot.axes)
+
+    def given(delta_mm: float) -> Rig:
+        third = axes[2].model_copy(update={"a_mm": axes[2].a_mm + delta_mm})
+        return with_robot(rig, controller_axes=(*axes[:2], third, *axes[3:]))
+
+    with refused("robot.other", "those of another robot"):
+        refuse_constants_after_diagnosis(given(change_mm), "second.ini")
+    for fine_mm in (0.0, 0.6):
+        refuse_constants_after_diagnosis(given(fine_mm), "cell.ini")
+
+
+def test_constants_that_nearly_cancel_are_not_entered_alone(tmp_path):
+    rig = rig_at(tmp_path, effects=(JointOffset(axis=2, offset_deg=0.06, found=found(offset_deg=0.002)),))
+    work = spread_angles(rig, None)
+    constants = (Constant(2, "q_deg"), Constant(3, "q_deg"))
+    projection = project(rig, rig.effects, constants, work, work)
+    impossible = replace(projection, values=np.array([0.06, -17.4]))
+    assert projection.is_possible and not impossible.is_possible
+    assert projection.gains(impossible, rig, rig.effects, work, np.zeros((1, len(work), 6)))
+
+
+def test_frame_is_repeated_in_inches_at_a_controller_in_inches():
+    stated = Frames(frames={"g54": transform(Pose(xyz_mm=(20, -4, 1)))})
+    (doubt,) = stated.doubts({("frame", "g54")}, "inch")
+    assert "20, -4, 1 mm" in doubt and "0.7874, -0.1575, 0.03937 inch" in doubt
+    assert stated.doubts({("frame", "g54")}, "mm") == stated.doubts({("frame", "g54")}, None) == []

@@ -238,3 +238,10 @@ def test_only_remarks_and_names_of_systems_are_hints(tmp_path):
     assert sorted((hint.file, hint.line, hint.kind) for hint in hints) == [
         ("form.src", 2, "taught"), ("taught.src", 2, "computed"), ("taught.src", 3, "taught")
     ]  # fmt: skip
+
+
+def test_a_conversion_in_vain_says_not_to_run_the_program(cell):
+    cell.with_name("pick.src").write_text("DEF pick()\nPTP XHOME\nEND\n")
+    text = succeeded(*command(cell, "--points", "taught", "--since", cell.with_name("values.yaml"))).stdout
+    words = " ".join(text.split())
+    assert words.startswith("No point of pick.src was converted") and "do not run it before" in words
