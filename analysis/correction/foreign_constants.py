@@ -25,6 +25,7 @@ from analysis.runs.loading import Measured, rig_of
 from rigs.effects.link_geometry import LinkGeometry
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
+from rigs.schema.robot import constants_hash
 
 if TYPE_CHECKING:
     from analysis.diagnosis.judge.result import Diagnosis
@@ -65,7 +66,7 @@ def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
     Raises FileError.
     """
     given = rig.robot.controller_axes
-    if not given or not rig.is_calibrated or given == rig.robot.axes:
+    if not given or not rig.is_calibrated or constants_hash(given) == constants_hash(rig.robot.axes):
         return
     uncertainty = pose_uncertainty(rig, supports(rig))
     found = _distances(rig, controller_arm(rig.robot), arm_of(rig.robot), uncertainty)

@@ -23,7 +23,7 @@ from rigs.errors import FileError
 from rigs.load import parse
 from rigs.problems import RigFileError
 from rigs.rig import Rig
-from rigs.schema.robot import Pose
+from rigs.schema.robot import LinkConstants, Pose
 from tests.support.changed_rigs import rig_with, with_robot
 from tests.support.command_line import succeeded
 from tests.support.refusals import refused
@@ -199,11 +199,12 @@ def test_horizontal_circle_is_arcs_and_inch_machine_gets_joints_in_its_unit(tmp_
 @pytest.mark.parametrize("change_mm", [2.5, -1.0])
 def test_pins_of_another_arm_are_refused_and_entered_values_are_not(tmp_path, change_mm):
     rig = rig_at(tmp_path, "inch", effects=(LinkGeometry(axis=3, field="a", delta=0.6, found=found(delta=0.02)),))
-    axes = list(rig.robot.axes)
+    axes = rig.robot.axes
 
     def given(delta_mm: float) -> Rig:
-        third = axes[2].model_copy(update={"a_mm": axes[2].a_mm + delta_mm})
-        return with_robot(rig, controller_axes=(*axes[:2], third, *axes[3:]))
+        constants = [{key: getattr(axis, key) for key in LinkConstants.model_fields} for axis in axes]
+        constants[2]["a_mm"] += delta_mm
+        return with_robot(rig, controller_axes=tuple(LinkConstants(**one) for one in constants))
 
     with refused("robot.other", "those of another robot"):
         refuse_constants_after_diagnosis(given(change_mm), "second.ini")
