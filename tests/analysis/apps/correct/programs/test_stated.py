@@ -55,7 +55,7 @@ def test_tool_stated_twice_with_other_numbers_is_refused():
 def test_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path):
     tools, frames = ["1=0,0.05,0.2,0,20,10", "4=0,0,200,0,0,0"], ["2=500,-100,30,0,0,45", "3=0"]
     found = corrected_cell("kuka", tmp_path, {"a.src": HEAD + "PTP {q0}\nPTP {p1}\nEND\n"}, tools, frames)
-    doubts = frames_of(rig_of("kuka-kr-10-r1100-2").robot, tools, frames).doubts({*found.named})
+    doubts = frames_of(rig_of("kuka-kr-10-r1100-2").robot, tools, frames).doubts({*found.named}, None)
     assert [doubt.partition(":")[0] for doubt in doubts] == ["--tool 1", "--tool 4", "--frame 3"]
     assert "206.2 mm" in doubts[0] and "uses" not in doubts[0]
 
