@@ -81,10 +81,10 @@ def search_joint_readings(bare: Arm, q: Array, xyz_mm: Array, right_mm: float) -
     rigid = _Rigid(bare, q[many], xyz_mm[many])
     readings: list[JointReading] = []
     for k in np.lexsort((left, changes, ~is_close)):
+        if len(readings) >= (_BEST if is_close[k] else _FEW):
+            break
         if not any(_are_same(signs[k], zeros[k], known) for known in readings):
             readings.append(rigid.refined(JointReading(signs[k], zeros[k], np.inf)))
-        if len(readings) == (_BEST if is_close[k] else _FEW):
-            break
     closest = min(reading.left_mm for reading in readings)
     alike = [one for one in readings if one.left_mm <= _CLOSE * closest][:_FEW]
     alike = [rigid.with_needed_zeros(one, right_mm) for one in alike]
