@@ -41,7 +41,7 @@ _ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, w
 _UNITS = {
     "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
     "µm": "um", "in": "in", "inch": "in", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad",
-    "radian": "rad", "radians": "rad", "gon": "gon", "grad": "gon", "turn": "turn", "turns": "turn", "rev": "turn",
+    "radian": "rad", "radians": "rad", "gon": "gon", "turn": "turn", "turns": "turn", "rev": "turn",
 }  # fmt: skip
 _JOINTS = "q j joint joints axis a theta th rax ax jt jnt position pos angle angles achse gelenk axe 축 관절 轴 关节"
 _JOINT_WORDS = frozenset(_JOINTS.split())

@@ -85,12 +85,15 @@ def test_two_measured_places_are_a_question_and_a_typed_target_is_not_of_the_con
         ("rad deg deg deg deg deg", "mm mm m", "{} [{}]"),
         ("deg rad deg rad deg rad", "in in mm", "{}_{}"),
         ("rad rad rad rad rad deg", "m cm mm", "a line"),
+        (" ".join(["Grad"] * 6), "mm mm mm", "{} [{}]"),
+        (" ".join(["gon"] * 6), "mm mm mm", "{} [{}]"),
     ],
 )
 def test_each_column_is_read_in_its_own_unit(angles, lengths, style, tmp_path):
     p = measured("ur10e", 6, 20)
     units = [*angles.split(), *lengths.split()]
-    to_unit = {"deg": 180 / np.pi, "rad": 1.0, "mm": 1.0, "cm": 0.1, "m": 1e-3, "in": 1 / 25.4}
+    of_angles = {"deg": 180 / np.pi, "Grad": 180 / np.pi, "gon": 200 / np.pi, "rad": 1.0}
+    to_unit = {**of_angles, "mm": 1.0, "cm": 0.1, "m": 1e-3, "in": 1 / 25.4}
     values = np.column_stack([p.q, p.xyz_mm]) * [to_unit[unit] for unit in units]
     names = [*JOINTS, "X", "Y", "Z"]
     header = names if style == "a line" else [style.format(name, unit) for name, unit in zip(names, units, strict=True)]
