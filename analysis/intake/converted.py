@@ -94,13 +94,9 @@ def _read_json_lines(data: bytes) -> pa.Table:
 
 def _read_list_cells(data: bytes) -> pa.Table:
     header, *rows = [row for row in csv.reader(io.StringIO(data.decode("utf-8-sig"))) if row]
-    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
-    return pa.table(
-        {
-            name: [_numbers(cell) for cell in cells] if all(map(_is_list, cells)) else list(cells)
-            for name, cells in columns.items()
-        }
-    )
+    columns = zip(*rows, strict=True)
+    values = [[_numbers(cell) for cell in cells] if all(map(_is_list, cells)) else list(cells) for cells in columns]
+    return pa.table(values, names=header)
 
 
 def _is_list(cell: str) -> bool:
@@ -124,8 +120,11 @@ def _flat(table: pa.Table, where: str) -> pa.Table:
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     columns: dict[str, Any] = {}
-    for name in table.column_names:
-        columns |= _columns_of(name, table[name], where)
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        new = _columns_of(name, column, where)
+        if twice := next(iter(columns.keys() & new.keys()), None):
+            raise FileError(where, f"has two columns {twice!r}", "rename one of them", code="table.invalid")
+        columns |= new
         if len(columns) * table.num_rows > _MOST_CELLS:
             problem = f"has more than {_MOST_CELLS} cells"
             raise FileError(where, problem, "import the file in parts", code="file.too_large")

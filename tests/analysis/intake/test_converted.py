@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from analysis.intake.converted import csv_of
 from analysis.intake.imports import RunLabels, read_any_table
 from analysis.intake.read import read_file
 from analysis.intake.table_files import cut_off_doubts
@@ -135,6 +136,16 @@ def test_damaged_file_is_one_error(tmp_path, columns, name):
 def test_lists_of_different_length_are_refused(tmp_path, rows):
     with refused("table.invalid"):
         _read(tmp_path, _lines(rows))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b'a,a,b\n3,4,"[1, 2]"\n', b'a,a_1\n"[1, 2]",3\n', _lines([{"a": [1, 2], "a_1": 3}] * 2)],
+    ids=["header", "cells", "JSON lines"],
+)
+def test_two_columns_of_one_name_are_refused(data):
+    with refused("table.invalid"):
+        csv_of(data, "table")
 
 
 def test_pickled_objects_are_not_loaded(tmp_path):
