@@ -386,13 +386,14 @@ def read_file(
     """
     data = read_whole(path)
     has_direction = "direction" in format_of(test).layout().required
-    text = csv_of(data, str(path))
-    doubts = cut_off_doubts(text)
     if reader := reader_of(data):
         if not has_direction:
             problem = "is a bag, from which circles are read, and poses by a map"
             raise FileError(str(path), problem, f"give the table of a {test} test as CSV", code="table.invalid")
         text, doubts = reader.table_of(data, str(path), rig, test)
+    else:
+        text = csv_of(data, str(path))
+        doubts = cut_off_doubts(text)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
     return TableFile(hashlib.sha256(data).hexdigest(), words, table, doubts)
