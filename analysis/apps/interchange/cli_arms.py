@@ -202,8 +202,7 @@ def export_urdf(
     from analysis.robot.predict import geometric_arm, model_of
     from rigs.load import load
 
-    is_ur = reader == "ur-driver"
-    if calibration_hash is not None and not is_ur:
+    if calibration_hash is not None and reader != "ur-driver":
         problem = "applies only to --for ur-driver: only calibration.yaml has a hash"
         raise typer.BadParameter(problem, param_hint="--hash")
     if friction_of is not None and reader != "mjcf":
@@ -220,14 +219,19 @@ def export_urdf(
         text = _description(rig, arm, reader, rig_file, calibration_hash, carried)
     _write_section(text, output)
     say(carried, err=True)
-    if is_ur or reader in ("franka", "xarm"):
-        if rig.robot.rail:
-            say("The rail is not included: the file describes the arm at rail position 0.", err=True)
-        covered = "controller's base to tool0" if is_ur else "robot's base to the flange"
-        say(f"base and tool of the rig file are not included: the file covers the {covered}", err=True)
-    if is_ur and calibration_hash is None:
+    if reader in ("ur-driver", "franka", "xarm"):
+        _say_limits_of_kinematics(rig, is_ur=reader == "ur-driver")
+    if reader == "ur-driver" and calibration_hash is None:
         problem = "the driver will report a calibration mismatch"
         say(f"{problem}; set the robot's hash with --hash", err=True, mark="note: ")
+
+
+def _say_limits_of_kinematics(rig: Rig, *, is_ur: bool) -> None:
+    """Say which parts of a rig file the kinematics for a driver omit."""
+    if rig.robot.rail:
+        say("The rail is not included: the file describes the arm at rail position 0.", err=True)
+    covered = "controller's base to tool0" if is_ur else "robot's base to the flange"
+    say(f"base and tool of the rig file are not included: the file covers the {covered}", err=True)
 
 
 def _description(rig: Rig, arm: Arm, reader: Reader, rig_file: str, calibration_hash: str | None, carried: str) -> str:
