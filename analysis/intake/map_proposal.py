@@ -292,7 +292,7 @@ def _map_places(
     rivals = [candidate for candidate in others if candidate[0].share < CLEARLY * least]
     disagrees = "the header or the order of the columns disagrees with the arm; which is correct?"
     if best.value.joints.zeros_deg:
-        disagrees = "the joints fit the arm only from other zeros; does only the table count so?"
+        disagrees = "the joints fit the arm only with different zeros; does only the table use them?"
         if homed := best.remedy.partition(HOMED)[2]:
             disagrees += f" If the arm itself was homed there, do not import, but {homed}"
     fit = "more than one reading fits the arm; which is correct?"

@@ -19,6 +19,7 @@ from analysis.diagnosis.judge.validate import Validation
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.predict import SetUp
 from analysis.runs.loading import Measured
+from analysis.runs.noise.readings import evenly
 from rigs.calibration import (
     MOST_POSTURES,
     TIMES,
@@ -102,7 +103,7 @@ def _measured_postures(runs: Sequence[ObservedRun]) -> tuple[tuple[float, ...], 
     if not measured:
         return ()
     q = np.degrees(np.concatenate(measured))
-    rows = np.unique(np.linspace(0, len(q) - 1, MOST_POSTURES).astype(int))
+    rows = evenly(len(q), MOST_POSTURES)
     return tuple(tuple(row) for row in q[rows].round(_POSTURE_DECIMALS).tolist())
 
 

@@ -89,7 +89,7 @@ class Named:
 
     @property
     def unknown(self) -> float:
-        """Probability of a cause that rig does not know, behind this effect alone or behind several."""
+        """Probability that a cause unknown to rig imitates this effect, alone or together with others."""
         return self.alternatives.get("unknown", 0.0) + self.alternatives.get("several", 0.0)
 
     @property

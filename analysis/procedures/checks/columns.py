@@ -116,7 +116,7 @@ def _of_reading(reading: JointReading) -> Meaning:
         do.append(f"change the sign of {enumerated([f'q{axis}_deg' for axis in backwards])}")
     if angles:
         do.append(f"add {enumerated([f'{angle} to q{axis}_deg' for axis, angle in angles.items()])}")
-    remedy = f"{' and '.join(do)} if only the table counts so"
+    remedy = f"{' and '.join(do)} if only the table uses this convention"
     if homed := [f"J{axis} by {angle}" for axis, angle in angles.items() if zeros_deg[axis - 1] % 90]:
         remedy += f"{HOMED}re-master {enumerated(homed)} and measure again"
     axes = tuple(sorted({*angles, *backwards}))
@@ -314,24 +314,24 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
     """Meaning of the joints that fits the measured positions xyz_mm (n, 3) and rotations rpy (n, 3) rad."""
     bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
     few, many = (measured[evenly(len(measured), rows)] for rows in (_SCREENED, _JUDGED))
+    values, most_mm = int(3 * _KEPT * len(q)) - 9, right_mm(extent_of(xyz_mm[many]))
 
     def verdict(turns: Array | None) -> Verdict:
         def misfit(rows: Integers, joints: Array, steps: int) -> float:
             return left_mm(bare, joints, xyz_mm[rows], steps, None if turns is None else turns[rows])
 
         screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(q[few]), _STEPS))
-        values = int(3 * _KEPT * len(q)) - 9
         judged = [
             JudgedMeaning(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]
         ]
-        return _decided(judged, misfit(many, q[many], 100), right_mm(extent_of(xyz_mm[many])))
+        return _decided(judged, misfit(many, q[many], 100), most_mm)
 
     by_places = verdict(None)
     by_places = by_places if by_places[0] or rpy is None else verdict(rpy)
-    if by_places[0] or by_places[1] <= right_mm(extent_of(xyz_mm[many])):
+    if by_places[0] or by_places[1] <= most_mm:
         return by_places
     found = searched_meanings(bare, q[many], xyz_mm[many])
-    judged = [JudgedMeaning(meaning, left, int(3 * _KEPT * len(q)) - 9) for meaning, left in found]
+    judged = [JudgedMeaning(meaning, left, values) for meaning, left in found]
     return _decided(judged, by_places[1], np.inf) if judged else by_places
 
 
