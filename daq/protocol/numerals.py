@@ -151,9 +151,11 @@ class NumberFormat:
     def _judge(
         self, held: _HeldReading, usual: PrintedNumber, number: PrintedNumber, message: Message
     ) -> Sample | Fault:
-        """Sample of a reading that was held back, or the fault of its omission.
+        """Decide about the reading held back, now that its successor `number` is known.
 
-        With its sign it must be nearer to the mean of its neighbours than with a minus, or no further than usual.
+        Returns its sample, or a MISSHAPEN fault if its minus was probably lost or `number` came too late to tell.
+        The sign counts as right if the value is nearer to the mean of its neighbours than its negative is, or
+        within the usual scatter above that mean.
         """
         mean_mm = (usual.value_mm + number.value_mm) / 2
         usual_mm = [abs(later - earlier) / 2 for earlier, later in pairwise(self._steps_mm)]

@@ -131,7 +131,7 @@ def _entries(paragraph: str) -> dict[str, str]:
 
 
 def _prose(paragraph: str) -> str:
-    """A paragraph on one line, with links to the pages that it names."""
+    """Join the lines of a paragraph, and turn each `docs/NAME.md` in it into a Markdown link."""
     return _PAGE.sub(lambda named: f"[{named['name']}]({named['name']}.md)", " ".join(paragraph.split()))
 
 

@@ -132,7 +132,7 @@ def run(part: Part, logs: Path) -> Outcome:
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a part that still runs, with all its processes."""
+    """Stop the process group of a part: first SIGTERM, then SIGKILL. Does nothing if the part has exited."""
     for kind in (signal.SIGTERM, signal.SIGKILL):
         if child.poll() is not None:
             return

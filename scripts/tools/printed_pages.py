@@ -104,7 +104,10 @@ def is_printed(part: str, printed: str) -> bool:
 
 
 def drifted(page: str, outputs: Sequence[str]) -> list[str]:
-    """List the parts of a page that its commands no longer print."""
+    """Parts of the output shown on a page that its commands do not print: empty if the page is up to date.
+
+    outputs: printed text of each example, as from `run_pages`.
+    """
     return [
         part
         for one, printed in zip(examples_of(page), outputs, strict=True)

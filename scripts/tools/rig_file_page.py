@@ -140,7 +140,7 @@ def _unions(schema: Schema, definitions: dict[str, Schema]) -> list[list[str]]:
 
 
 def _common(members: list[dict[str, Key]]) -> dict[str, Key]:
-    """Keys that all members have, each with its most frequent description."""
+    """Keys that exist in every kind of a union. If kinds describe a key differently, the most frequent one wins."""
     names = [name for name in members[0] if all(name in one for one in members)]
     return {name: Counter(one[name] for one in members).most_common(1)[0][0] for name in names}
 

@@ -52,12 +52,13 @@ def main() -> int:
     if not given.rooms:
         print("\n".join(sorted(ROOMS)))
     failures = [failure for room in given.rooms if (failure := failure_without(room, quick=given.quick))]
-    print("\n".join(failures), file=sys.stderr)
+    for failure in failures:
+        print(failure, file=sys.stderr)
     return 1 if failures else 0
 
 
 def failure_without(room: str, *, quick: bool) -> str:
-    """The check that fails without a room; empty if the rest is whole."""
+    """Message with the first check that fails in a copy without the room; empty if all pass."""
     with tempfile.TemporaryDirectory() as folder:
         copy_without(room, Path(folder))
         for command in checks(quick):
@@ -65,7 +66,7 @@ def failure_without(room: str, *, quick: bool) -> str:
             done = subprocess.run(command, cwd=folder, env={"PYTHONPATH": folder, "PATH": "/usr/bin:/bin"}, check=False)
             if done.returncode:
                 return f"without {room}: failed: {' '.join(command[1:4])}"
-    print(f"without {room}: whole", flush=True)
+    print(f"without {room}: all checks pass", flush=True)
     return ""
 
 
