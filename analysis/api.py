@@ -443,7 +443,7 @@ def _test(test: TestName) -> TestName:
             "test",
             f"{test!r} is not a test",
             f"give one of {', '.join(get_args(TestName))}",
-            code="request.invalid",
+            code="argument.invalid",
         )
     return test
 
@@ -454,7 +454,7 @@ def _direction(direction: str | None) -> Direction | None:
         return None
     way = direction_of(str(direction))
     if way is None:
-        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw", code="request.invalid")
+        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw", code="argument.invalid")
     return way
 
 

@@ -18,7 +18,7 @@ ERROR_CODES: dict[str, str] = {
     "controller.invalid": "correct the file with the controller's constants or values",
     "correction.impossible": "nothing was corrected: measure more, or choose what can be corrected",
     "correction.repeated": "use the original targets: these are corrected already",
-    "daemon.busy": "wait: another program uses rigd, or another rigd runs",
+    "daemon.busy": "wait and try again: rigd or the window is busy, or another rigd runs",
     "daemon.refused": "correct the permissions, the owner of the socket, or the request",
     "daemon.silent": "start rigd, or look at its log",
     "disk.full": "free disk space",

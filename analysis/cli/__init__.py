@@ -73,7 +73,7 @@ def main() -> None:
         if not is_numerical(error):
             raise
         problem, remedy = f"the computation failed: {error}", "check the values in the rig file and in the runs"
-        _fail(FileError("numbers", problem, remedy, code="process.failed"))
+        _fail(FileError("numbers", problem, remedy, code="readings.unsuitable"))
     except (MemoryError, OSError) as error:
         _out_of_room(error)
     finally:

@@ -58,19 +58,19 @@ def mapped_run(
         table_map = load_map(map_file)
         if topic:
             problem = "is already in the map (topic of a file)"
-            raise UseError("--topic", problem, "remove the option, or change the map", code="file.invalid")
+            raise UseError("--topic", problem, "remove the option, or change the map", code="usage")
         if socket:
             remedy = "remove the option, or change the constants in the map"
-            raise UseError("--socket", "is already in the map", remedy, code="file.invalid")
+            raise UseError("--socket", "is already in the map", remedy, code="usage")
         if join and join != table_map.join:
             problem = f"is {join}, but the map joins by {table_map.join or 'nothing'}"
-            raise UseError("--join", problem, "remove it", code="file.invalid")
+            raise UseError("--join", problem, "remove it", code="usage")
     elif not join and needs_touch_map(files[0], test, socket):
         table_map = propose_touch_map(files[0], load(rig_file)[0], test, socket)
         _say_map(table_map)
     elif test != MAPPED:
         remedy = "write one and give it with --map (docs/tables.md)"
-        raise UseError("--join", f"needs a map of a {test} table", remedy, code="file.invalid")
+        raise UseError("--join", f"needs a map of a {test} table", remedy, code="usage")
     else:
         table_map = _proposed(files, rig_file, join, run, topic=topic, yes=yes)
     with progress_of(f"reading {files[0]}"):

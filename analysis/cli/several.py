@@ -143,9 +143,7 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
     for path in (path for path in paths if not path.exists()):
         if str(path) in arm_names():
             problem = "is an arm of the library, not a run"
-            raise UseError(
-                str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="readings.unsuitable"
-            )
+            raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="usage")
         if path.suffix.lower() in _TABLES:
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
             raise FileError(str(path), "no such file or directory", remedy, code="file.missing")
@@ -163,7 +161,7 @@ def with_controller(rig_file: str | None, calibration: str | None) -> str | None
         return rig_file
     if rig_file is None:
         remedy = "give --arm NAME or --rig CELL.yaml too"
-        raise UseError("--calibration", "needs the arm that it belongs to", remedy, code="arm.invalid")
+        raise UseError("--calibration", "needs the arm that it belongs to", remedy, code="usage")
     from analysis.intake.controller_arm import rig_with_controller
     from analysis.runs.written_files import holding, write_new
     from rigs.load import find, load

@@ -163,7 +163,7 @@ class CalibratedArm:
         if not self._is_measured:
             problem = "was not measured: the rig has neither a calibration nor effects, so no target would change"
             remedy = "give the rig file written by diagnose(…).save(directory) or rig diagnose -o"
-            raise FileError(self.rig.name, problem, remedy, code="correction.impossible")
+            raise FileError(self.rig.name, problem, remedy, code="calibration.missing")
         if why := why_nothing(self.rig):
             raise FileError(
                 self.rig.name, why, "measure what `acts` of the diagnosis ask for", code="calibration.missing"

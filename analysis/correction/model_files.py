@@ -67,7 +67,7 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
         (named,) = diagnosis.effects
         problem = f"was not written: {name_of(named.effect)} is beyond the range that rig corrects"
         remedy = "check the rig file, the variant of the arm and the mastering"
-        raise FileError(str(output), problem, remedy, code="runs.not_comparable")
+        raise FileError(str(output), problem, remedy, code="correction.impossible")
     return write_extended(text, with_provenance(diagnosis), output, diagnosis.calibrated)
 
 

@@ -81,14 +81,14 @@ def stated_posture(rig: Rig, near: str | None, start: str | None) -> StatedPostu
     """
     if near is not None and start is not None:
         problem = "both state the posture of a table"
-        raise UseError("--near, --start-joints", problem, "give one of them", code="program.unclear")
+        raise UseError("--near, --start-joints", problem, "give one of them", code="usage")
     if near is None and start is None:
         if rig.robot.posture_deg is None:
             return None
         stated = StatedPosture(np.radians(rig.robot.posture_deg), "rig_file")
         if problem := _problem(controller_arm(rig.robot), stated.q):
             where, remedy = RigPlace.of(rig.name, "robot.posture_deg"), "give the joint angles at one of the targets"
-            raise FileError(where, problem, remedy, code="program.unclear")
+            raise FileError(where, problem, remedy, code="rig_file.invalid")
         return stated
     source: Source = "--start-joints" if near is None else "--near"
     text, axes = near or start or "", len(rig.robot.axes)
@@ -96,10 +96,10 @@ def stated_posture(rig: Rig, near: str | None, start: str | None) -> StatedPostu
     if len(degrees) != axes or not all(abs(value) < _MOST_TURNED_DEG for value in degrees):
         problem = f"must be {axes} numbers, one for each joint" + f", but has {len(degrees)}" * bool(degrees)
         remedy = f"give q1,…,q{axes} in degrees"
-        raise UseError(f"{source} {text}", problem, remedy, code="program.unclear")
+        raise UseError(f"{source} {text}", problem, remedy, code="usage")
     if problem := _problem(controller_arm(rig.robot), np.radians(degrees)):
         remedy = "give the joint angles at one of the targets"
-        raise UseError(f"{source} {text}", problem, remedy, code="program.unclear")
+        raise UseError(f"{source} {text}", problem, remedy, code="usage")
     return StatedPosture(np.radians(degrees), source)
 
 

@@ -67,7 +67,7 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
     if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):
         problem = "is empty" if not text.strip() else "is neither calibration.conf nor the YAML of ur_calibration"
         remedy = "give one of them, or a table of joints and flange poses as CSV"
-        raise FileError(str(path), problem, remedy, code="arm.invalid")
+        raise FileError(str(path), problem, remedy, code="controller.invalid")
     if not is_ur_calibration(text):
         return _from_poses(robot, path)
     found = factory_constants(robot, path)

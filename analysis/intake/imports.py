@@ -86,7 +86,7 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
         declared = f", of {', '.join(sockets)}" if sockets else ""
         problem = "does not name the socket of each row"
         remedy = f"add a column socket, or give --socket NAME for all rows{declared}"
-        raise FileError(raw.where, problem, remedy, code="readings.unsuitable")
+        raise FileError(raw.where, problem, remedy, code="table.invalid")
     constants = {SOCKET: socket or sockets[0]}
     return TableMap(files=(layout,), joints=joints, columns=columns, constants=constants)
 
@@ -108,7 +108,7 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
         axes = len(rig.robot.axes)
         problem = f"lacks columns for the {axes} joints of the arm; it has {', '.join(raw.names[:20])}"
         raise FileError(
-            raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="readings.unsuitable"
+            raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="table.invalid"
         )
     return likely_angles(raw, group)
 
@@ -219,7 +219,7 @@ def _text_of_file(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes,
 def _refuse_rail(rig: Rig, where: str) -> None:
     if rig.robot.rail:
         problem = "has columns other than those of docs/tables.md, but a map cannot give the position of the rail"
-        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="file.invalid")
+        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="table.invalid")
 
 
 def read_mapped(
@@ -312,7 +312,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     """Test of a table by its columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if reader_of(head):
-        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="table.invalid")
+        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="table.unclear")
     names = header_names(head)
     layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]

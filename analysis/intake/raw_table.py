@@ -215,7 +215,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
                 best = score, name, comma, fields
     if best is None or best[0][2] == 0:
         raise FileError(
-            where, "lacks rows of numbers", "give a table: a row of numbers for each pose", code="readings.too_few"
+            where, "lacks rows of numbers", "give a table: a row of numbers for each pose", code="table.invalid"
         )
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]
@@ -285,7 +285,7 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
         k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
     ]
     if not kept:
-        raise FileError(where, "has a header but no rows", "give the measured rows", code="readings.too_few")
+        raise FileError(where, "has a header but no rows", "give the measured rows", code="table.invalid")
     body = [lines[k] for k in kept]
     if mark == " ":
         mark, body = "\t", ["\t".join(line.split()) for line in body]

@@ -412,7 +412,7 @@ def parse_csv(
             where,
             f"is of a {test} test, which does not have a direction",
             "leave --direction out",
-            code="request.invalid",
+            code="usage",
         )
     _require_text(where, data)
     rows = _csv_rows(data, where)
@@ -426,7 +426,7 @@ def parse_csv(
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:
-        raise FileError(where, "has a header but no rows", "give the measured rows", code="readings.too_few")
+        raise FileError(where, "has a header but no rows", "give the measured rows", code="table.invalid")
     if direction and "direction" not in columns:
         added = pa.chunked_array([pa.repeat(direction, len(lines))])
         order = [key for name in columns for key in ((name, "direction") if name == "t_s" else (name,))]

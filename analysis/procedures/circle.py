@@ -325,7 +325,7 @@ class Circle(TestKind[CircleTable]):
         gauges = rig.gauges
         if gauges.g2 is None:
             problem = "has a single gauge, but an angle needs two"
-            raise FileError(where, problem, "add gauges.g2 to the rig file", code="readings.unsuitable")
+            raise FileError(where, problem, "add gauges.g2 to the rig file", code="rig_file.invalid")
         baseline = gauges.baseline_mm, gauges.baseline_u_mm
         laps = laps_of(table, rig, where)
         return self.evaluate_laps(laps, *baseline, instruments.u_lag_s, where, instruments.like)
@@ -379,7 +379,7 @@ class Circle(TestKind[CircleTable]):
         require_test(rig, self.test)
         if direction is None:
             raise FileError(
-                f"{self.test} test", "needs a direction", "give --direction cw, acw or both", code="readings.unsuitable"
+                f"{self.test} test", "needs a direction", "give --direction cw, acw or both", code="answer.missing"
             )
         laps = circle_laps(rig, direction)
         t_s = np.arange(0.0, laps.end_s, 1.0 / GAUGE_RATE_HZ)
@@ -482,10 +482,10 @@ def _require_direction(direction: Direction | None, where: str, remedy: str) -> 
 def _check_laps(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
         problem = "does not have two gauges, and an angle needs two"
-        raise FileError(where, problem, "give g1_mm and g2_mm", code="readings.unsuitable")
+        raise FileError(where, problem, "give g1_mm and g2_mm", code="table.invalid")
     if baseline_mm == 0:
         problem = "the gauges have the same offset_mm, which cannot measure an angle"
-        raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file", code="readings.unsuitable")
+        raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file", code="rig_file.invalid")
     check_radius(where, laps.frame.radius)
     check_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
     require_live_gauges(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])

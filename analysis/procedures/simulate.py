@@ -169,7 +169,7 @@ def _somewhere(
             return place, postures
     remedy = "check tests.touch.distances, and limits_deg" if distances else "check limits_deg"
     raise FileError(
-        f"rig {where}", "the arm has no place for a socket with enough postures", remedy, code="readings.too_few"
+        f"rig {where}", "the arm has no place for a socket with enough postures", remedy, code="rig_file.invalid"
     )
 
 

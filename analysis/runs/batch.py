@@ -306,7 +306,7 @@ def _connected(address: str) -> Any:
     except (MemoryError, OSError, TypeError, ValueError) as error:
         problem = f"the Dask scheduler does not answer: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address printed by the scheduler, such as tcp://10.0.0.5:8786"
-        raise CellError(f"--scheduler {address}", problem, remedy, code="process.failed") from None
+        raise CellError(f"--scheduler {address}", problem, remedy, code="port.silent") from None
 
 
 async def _query_scheduler(address: str) -> None:
@@ -335,7 +335,7 @@ def _require_same_versions(client: Any, address: str) -> None:
                     str(worker),
                     f"{has}, but this computer {ours}",
                     "install the same version on both",
-                    code="process.failed",
+                    code="package.missing",
                 )
 
 

@@ -159,7 +159,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
         if table.rail:
             problem = f"has {RAIL}, but the arm of the rig file has no rail"
-            raise FileError(str(path), problem, "add robot.rail to it", code="table.invalid")
+            raise FileError(str(path), problem, "add robot.rail to it", code="rig_file.invalid")
         problem = f"lacks {RAIL}, but the arm of the rig file is on a rail"
         raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row", code="table.invalid")
     table, counted_further = without_whole_turns(average_standstills(table), rig)
@@ -176,7 +176,7 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
         problem = f"was made from a replay out of step ({out_of_step}), so the results would be wrong"
         remedy = "repeat the replay on a less busy computer, and record that replay"
-        raise FileError(str(run.path), problem, remedy, code="run.damaged")
+        raise FileError(str(run.path), problem, remedy, code="readings.unsuitable")
     certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
         remedy = f"{missing.remedy}, then repeat the import"

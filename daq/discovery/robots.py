@@ -158,7 +158,7 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
         raise trial.error
     if not trial.samples:
         remedy = trial.last_fault or "check that it is on and the program runs"
-        raise CellError(robot.port, "reports no joint angles", remedy, code="arm.invalid")
+        raise CellError(robot.port, "reports no joint angles", remedy, code="robot.silent")
     return trial.samples[-1].values[:6]
 
 

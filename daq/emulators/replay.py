@@ -49,7 +49,7 @@ class Replay:
                 problem = (
                     f"the capture contains no data of {name} (it contains {', '.join(capture.streams) or 'nothing'})"
                 )
-                raise FileError(rig.name, problem, "give the rig file used for the capture", code="readings.too_few")
+                raise FileError(rig.name, problem, "give the rig file used for the capture", code="readings.unsuitable")
         u_ns = {stream.name: _u_ns(stream, heard[stream.name]) for stream in streams}
         may_ns = bearable_ns([u for name, u in u_ns.items() if name != ROBOT], u_ns[ROBOT])
         self._marks = marks.absolute() if marks else None

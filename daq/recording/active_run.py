@@ -95,7 +95,7 @@ class RecordingGap:
         with suppress(OSError):
             is_mounted = self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device
         if not is_mounted:
-            raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.none")
+            raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.failed")
         try:
             if self.previous.is_dir():
                 recover_and_log(self.previous)

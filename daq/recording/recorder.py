@@ -47,7 +47,7 @@ def rejection(rejected: Reject, state: RecorderState, last_end: str) -> CellErro
     if rejected.why == "making":
         problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
         remedy = "retry in some seconds; if the problem persists, run rig doctor"
-        return CellError("disk", problem, remedy, code="recording.running")
+        return CellError("disk", problem, remedy, code="daemon.busy")
     problem = "no recording is active" + (f" (the last one: {last_end})" if last_end else "")
     return CellError("rigd", problem, "start a recording: rig record start NAME …", code="recording.none")
 

@@ -117,7 +117,7 @@ def find_socket(rig: str | None = None) -> Path:
             "rigd", f"no daemon{whom} is visible to this user", "start rigd: rigd RIG", code="daemon.silent"
         )
     names = ", ".join(path.stem for path in served)
-    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME", code="daemon.busy")
+    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME", code="answer.missing")
 
 
 def sockets() -> list[Path]:

@@ -166,7 +166,7 @@ def reply(line: bytes, answer: Answer) -> dict[str, Any]:
         except (ValueError, RecursionError):
             problem = "not JSON"
     if not isinstance(request, dict):
-        return _as_answer(CellError("control socket", problem, 'send {"command": "status"}', code="daemon.refused"))
+        return _as_answer(CellError("control socket", problem, 'send {"command": "status"}', code="request.invalid"))
     try:
         return {"ok": True, **answer(request)}
     except RigError as error:
@@ -182,4 +182,4 @@ def _encoded(answer: dict[str, Any]) -> bytes:
     if len(line) <= LONGEST_ANSWER:
         return line
     problem = f"the answer has {len(line)} bytes, more than a client accepts"
-    return _encoded(_as_answer(CellError("rigd", problem, "see the log", code="daemon.refused")))
+    return _encoded(_as_answer(CellError("rigd", problem, "see the log", code="request.invalid")))

@@ -78,7 +78,7 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
     except ValidationError as error:
         problem = f"invalid samples request: {error.errors(include_url=False)[0]['msg']}"
         remedy = 'send {"command": "samples", "after": {"g1": 0}}'
-        raise CellError("control socket", problem, remedy, code="daemon.refused") from None
+        raise CellError("control socket", problem, remedy, code="request.invalid") from None
     streams = {}
     for name, buffer in buffers.items():
         newest, samples = buffer.recent(asked.after.get(name, 0))

@@ -38,7 +38,7 @@ class Maintenance(clock.StoppableThread):
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
                     problem = "exists already and is not a metrics file of rigd"
                     remedy = "choose a different --metrics, or remove it first"
-                    raise CellError(str(self._metrics), problem, remedy, code="output.not_writable")
+                    raise CellError(str(self._metrics), problem, remedy, code="output.exists")
                 write_atomically(self._metrics, self._text())
             except OSError as error:
                 problem, remedy = f"cannot be written: {error.strerror or error}", "choose a different --metrics"

@@ -73,7 +73,7 @@ def check_operator(name: str) -> str:
         return operator_name(name)
     except ValueError as error:
         problem, _, remedy = str(error).rpartition("; ")
-        raise UseError("--operator", problem, remedy, code="request.invalid") from None
+        raise UseError("--operator", problem, remedy, code="usage") from None
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
@@ -213,7 +213,7 @@ def new_manifest(*, rig_text: str, streams: Mapping[str, tuple[str, ...]], **fac
         )
     except ValidationError as error:
         name = facts.get("name")
-        raise FileError(f"run {name!r}", first_error(error), "choose other names", code="file.invalid") from None
+        raise FileError(f"run {name!r}", first_error(error), "choose other names", code="output.invalid") from None
 
 
 class UnknownTestError(FileError):
@@ -268,7 +268,7 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
         str(path),
         problem,
         "install the package of the test, or use the run on the original computer",
-        code="readings.unsuitable",
+        code="package.missing",
     )
 
 
@@ -277,7 +277,7 @@ def unreadable(path: Path, error: OSError) -> FileError:
     remedy = (
         "close other programs, or read it on a different computer" if short else "check the disk and the permissions"
     )
-    return FileError(str(path), f"cannot be read: {error.strerror}", remedy, code="run.damaged")
+    return FileError(str(path), f"cannot be read: {error.strerror}", remedy, code="file.unreadable")
 
 
 def clock_now() -> Clock:

@@ -167,7 +167,7 @@ def _relabelled(
     try:
         return manifest.updated(**words, relabelled=[*history, *changes])
     except ValidationError as error:
-        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="request.invalid") from None
+        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="usage") from None
 
 
 def _test_and_direction(
@@ -181,11 +181,11 @@ def _test_and_direction(
     if test not in CIRCLES:
         if direction is not None:
             problem = f"a {test} test does not have a direction"
-            raise UseError("--direction", problem, "leave --direction out", code="request.invalid")
+            raise UseError("--direction", problem, "leave --direction out", code="usage")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
         problem = f"a {test} test needs a direction, which this run does not have"
-        raise FileError(str(run), problem, "add --direction acw or cw", code="readings.unsuitable")
+        raise FileError(str(run), problem, "add --direction acw or cw", code="answer.missing")
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
         problem = f"contains an imported table with the direction {manifest.direction} in its rows"

@@ -90,7 +90,7 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
     if not (run / MANIFEST).exists():
         vanished.append(run / MANIFEST)
     if vanished:
-        raise CellError(str(vanished[0]), "disappeared during the recording", _WHO_DELETES, code="run.damaged")
+        raise CellError(str(vanished[0]), "disappeared during the recording", _WHO_DELETES, code="recording.failed")
 
 
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:

@@ -66,10 +66,10 @@ def read_capture(path: Path) -> Capture:
         text = read_bytes(path, MOST_BYTES).decode()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no text"
-        raise FileError(str(path), reason, "give a file written by rigd --capture", code="run.damaged") from None
+        raise FileError(str(path), reason, "give a file written by rigd --capture", code="file.invalid") from None
     if not text.startswith(HEAD):
         remedy = f"give a file of rigd --capture: its first line is {HEAD!r}"
-        raise FileError(str(path), "is not a capture of rigd", remedy, code="run.damaged")
+        raise FileError(str(path), "is not a capture of rigd", remedy, code="file.invalid")
     lines = text.split("\n")
     cut = lines.pop() != ""
     pieces = list[Piece]()
@@ -84,5 +84,5 @@ def read_capture(path: Path) -> Capture:
             pieces.append(Piece(int(match[1]), match[2], CaptureMark(match[3]), data))
         except ValueError:
             problem = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
-            raise FileError(str(path), problem, "correct or delete that line", code="run.damaged") from None
+            raise FileError(str(path), problem, "correct or delete that line", code="file.invalid") from None
     return Capture(tuple(pieces), cut)

@@ -67,7 +67,7 @@ def _counted(state: dict[str, Any], stream: str) -> dict[str, int]:
 def test_a_rig_of_which_the_capture_knows_nothing_is_refused():
     text, capture, _ = _case(NAMES[0])
     other = Capture(tuple(piece for piece in capture.pieces if piece.stream != "robot"), cut=False)
-    with refused("readings.too_few"):
+    with refused("readings.unsuitable"):
         Replay(parse(text, "x"), other)
 
 

@@ -84,7 +84,7 @@ def features_of(
     """
     if not tolerances and table is None:
         remedy = "add --tolerance hole1=0.2mm, or --features TABLE.csv"
-        raise UseError("rig certify", "has no tolerance", remedy, code="table.invalid")
+        raise UseError("rig certify", "has no tolerance", remedy, code="usage")
     written = [(f"--tolerance {text}", "", text) for text in tolerances]
     features, errors = list[Feature](), list[RigError]()
     for where, label, text in [*written, *(_rows_in(table) if table else ())]:
@@ -108,19 +108,19 @@ def _stated(where: str, label: str, text: str) -> tuple[str, Kind, str, float]:
     """Name, kind, targets and tolerance in mm of a text such as `distance:A,B=0.1mm`."""
     feature, equals, tolerance = (part.strip() for part in text.rpartition("="))
     if not equals or not feature:
-        raise UseError(where, "is not FEATURE=MM", f"write {_SIGN}", code="table.invalid")
+        raise UseError(where, "is not FEATURE=MM", f"write {_SIGN}", code="usage")
     if not (match := _TOLERANCE.fullmatch(tolerance)):
         is_number = re.fullmatch(r"[\d.]+", tolerance)
         problem = f"{tolerance!r} has no unit" if is_number else f"{tolerance!r} is not a tolerance in mm or µm"
-        raise UseError(where, problem, f"write {_SIGN}", code="table.invalid")
+        raise UseError(where, problem, f"write {_SIGN}", code="usage")
     tolerance_mm = float(match[1]) * (1.0 if match[2] == "mm" else 1e-3)
     if not 0 < tolerance_mm < np.inf:
         problem = f"the tolerance is {tolerance_mm:g} mm"
-        raise UseError(where, problem, "give more than 0 mm", code="table.invalid")
+        raise UseError(where, problem, "give more than 0 mm", code="usage")
     kind, colon, targets = feature.partition(":")
     if colon and kind not in get_args(Kind):
         remedy = f"choose from {', '.join(get_args(Kind))}"
-        raise UseError(where, f"{kind!r} is no feature", remedy, code="table.invalid")
+        raise UseError(where, f"{kind!r} is no feature", remedy, code="usage")
     return label or feature, cast("Kind", kind if colon else "position"), targets.strip() or feature, tolerance_mm
 
 
@@ -145,12 +145,12 @@ def _check(feature: Feature, nominal: Array) -> None:
     fewest, count = _FEWEST[feature.kind], len(feature.rows)
     if count < fewest or (feature.kind == "position" and count > 1):
         problem = f"has {count} targets, and a {feature.kind} needs {fewest}{' or more' * (feature.kind != 'position')}"
-        raise UseError(feature.where, problem, f"write {_SIGN}", code="table.invalid")
+        raise UseError(feature.where, problem, f"write {_SIGN}", code="usage")
     is_form = feature.kind in ("flatness", "straightness") and np.isfinite(nominal).all()
     if is_form and (width := float(_widths(nominal[None], feature.kind == "flatness")[0])) > _NOMINAL_MM:
         element = "plane" if feature.kind == "flatness" else "straight line"
         problem = f"its targets leave a {element} by {width:.3g} mm as programmed"
-        raise UseError(feature.where, problem, "choose others", code="table.invalid")
+        raise UseError(feature.where, problem, "choose others", code="usage")
 
 
 def _rows_of(where: str, targets: str, names: Sequence[str], lines: Sequence[int]) -> list[int]:
@@ -162,11 +162,11 @@ def _rows_of(where: str, targets: str, names: Sequence[str], lines: Sequence[int
         ends = [_row_of(where, end.strip(), names, lines) for end in part.split("..")]
         if len(ends) > 2 or ends[-1] < ends[0]:
             remedy = "write FIRST..LAST in the order of the program"
-            raise UseError(where, f"{part.strip()!r} is no range of targets", remedy, code="table.invalid")
+            raise UseError(where, f"{part.strip()!r} is no range of targets", remedy, code="usage")
         rows += range(ends[0], ends[-1] + 1)
     if len(set(rows)) < len(rows):
         problem, remedy = "names a target twice", "name each target once, in the order of the program"
-        raise UseError(where, problem, remedy, code="table.invalid")
+        raise UseError(where, problem, remedy, code="usage")
     return rows
 
 
@@ -184,4 +184,4 @@ def _row_of(where: str, name: str, names: Sequence[str], lines: Sequence[int]) -
     if of_name:
         problem = f"{name!r} names {len(of_name)} targets"
         remedy = f"name one by its line: {', '.join(f'line {lines[row]}' for row in of_name[:8])}"
-    raise UseError(where, problem, remedy, code="table.invalid")
+    raise UseError(where, problem, remedy, code="usage")

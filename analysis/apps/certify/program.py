@@ -136,7 +136,7 @@ def with_lines(rig: Rig, listed: Listed, features: Sequence[Feature]) -> tuple[L
             drawn.append(feature)
         elif listed.straight is not None and tuple(feature.rows.tolist()) not in listed.straight:
             problem, remedy = "the program has no straight line between these targets", "choose the ends of a line"
-            errors.append(UseError(feature.where, problem, remedy, code="table.invalid"))
+            errors.append(UseError(feature.where, problem, remedy, code="usage"))
         else:
             listed, line = _with_line(rig, listed, feature)
             drawn.append(line)

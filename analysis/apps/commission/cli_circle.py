@@ -67,7 +67,7 @@ def fit(
 
     if bool(runs) == live:
         problem = "recorded runs and --live cannot be combined" if live else "runs to fit are missing"
-        raise UseError("rig circle fit", problem, "give run directories or --live", code="run.missing")
+        raise UseError("rig circle fit", problem, "give run directories or --live", code="usage")
     named = rig_file_to_write(rig_file, write)
     if live:
         motions, to = _watched(named)
@@ -131,7 +131,7 @@ def _ball_of_circle(runs: Iterable[Run], rig: Rig) -> FittedTest:
     if rig.tests.hemisphere is None:
         problem = "the rig file lacks tests.hemisphere, and a circle does not show the posture at the pole"
         remedy = "add tests.hemisphere with posture_deg, or give a radial run"
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="readings.unsuitable")
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="rig_file.invalid")
     values: Values = {"centre_mm": [round(float(x), 3) for x in driven.circle.centre]}
     u, used = {"centre_mm": driven.u_centre_mm.tolist()}, f"the circle's centre: {driven.used}"
     return FittedTest("hemisphere", values, u, used, driven.doubts)

@@ -47,12 +47,12 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
     if name is None:
         if write:
             remedy = "give the rig file with --rig FILE"
-            raise UseError("--write", "needs the rig file to write", remedy, code="rig_file.invalid")
+            raise UseError("--write", "needs the rig file to write", remedy, code="usage")
         return None
     path = find(name)
     if write and path.resolve() in {example.resolve() for example in shipped().values()}:
         remedy = "copy it with rig example DIR, and use the copy"
-        raise FileError(name, "is a shipped rig, which is read-only", remedy, code="output.exists")
+        raise FileError(name, "is a shipped rig, which is read-only", remedy, code="output.not_writable")
     rig, text = load(path)
     return RigFile(rig, text, path)
 

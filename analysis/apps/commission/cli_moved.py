@@ -106,7 +106,7 @@ def _find_movement(
     if not new and not plan:
         if len(runs) < 2:
             remedy = "give RUN… --new RUN…, --plan or --live"
-            raise UseError("rig moved", "needs a reference and a new run", remedy, code="run.missing")
+            raise UseError("rig moved", "needs a reference and a new run", remedy, code="usage")
         runs, new = runs[:-1], runs[-1:]
     reference, after = _read(runs, rig_file), _read(new, rig_file)
     rig = load(rig_file)[0] if rig_file else reference[0].rig
@@ -125,7 +125,7 @@ def _mark(
 
     if not after or any(path.is_file() for path in paths):
         problem = "needs new runs; tables are not stored as runs"
-        raise UseError("--mark", problem, "import the table first: rig import", code="readings.unsuitable")
+        raise UseError("--mark", problem, "import the table first: rig import", code="usage")
     names = [run.run.manifest.name for run in reference]
     for run in after:
         mark_moved(run.run.path, mark_of(result, names))
@@ -151,7 +151,7 @@ def _check_live(
         check = follow_touches(client, check, lambda line: say(line, err=is_quiet))
     if not check.touches:
         remedy = "seat the ball in a socket of the reference, then let go"
-        raise FileError(str(place), "no touch was taken", remedy, code="readings.unsuitable")
+        raise FileError(str(place), "no touch was taken", remedy, code="readings.too_few")
     check.save(place, operator_or_user(""))
     say(f"saved {place}", err=True)
     say(f"next: rig history {as_argument(check.rig.name)} --runs {as_argument(place.parent)}", err=True)

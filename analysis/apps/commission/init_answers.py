@@ -55,7 +55,7 @@ def load_answers(rig_file: Path) -> Answers:
     except FileNotFoundError:
         return Answers()
     except OSError as error:
-        raise FileError.of_os(path, error, _BEGIN_AGAIN, code="file.invalid") from None
+        raise FileError.of_os(path, error, _BEGIN_AGAIN, code="file.unreadable") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

@@ -377,7 +377,7 @@ def _of_file(name: str) -> ChosenArm:
     except FileNotFoundError:
         return _of_library(name)  # reports similar names
     except OSError as error:
-        raise FileError.of_os(name, error, "give a file with a section robot", code="arm.invalid") from None
+        raise FileError.of_os(name, error, "give a file with a section robot", code="file.unreadable") from None
     if "<robot" in text:
         made = as_argument(Path(name).with_suffix(".yaml"))
         remedy = f"convert the file, and give --arm {made}: rig import-urdf {as_argument(name)} -o {made}"

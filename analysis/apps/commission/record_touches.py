@@ -44,7 +44,7 @@ def record_touches(
     if rig.robot.rail:
         problem = "is on a rail, and rigd does not read the position of the rail"
         remedy = "remove robot.rail if the rail does not move, or import touches as a table"
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="readings.unsuitable")
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="arm.invalid")
     guide = Touching(with_ball(arm_of(rig.robot), touch), touch.sockets, touches or touch.touches)
 
     def save() -> Path:

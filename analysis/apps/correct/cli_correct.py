@@ -297,7 +297,7 @@ def _errors(
     errors = target_errors(rig, *corrections.path) if corrections.path else []
     if for_maker and rig.controller == "unknown":
         problem = "the constants of the controller are unknown, and values to enter are differences from them"
-        errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="maker.unknown"))
+        errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="controller.invalid"))
     for file, why in in_vain.items():
         problem = f"{why}, so no corrected targets were written"
         remedy = "keep the targets unchanged, or measure there; --anyway writes them"
@@ -305,5 +305,5 @@ def _errors(
     for program in corrections.programs:
         if program.held:
             problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
-            errors.append(FileError(str(program.path), problem, remedy, code="program.invalid"))
+            errors.append(FileError(str(program.path), problem, remedy, code="correction.impossible"))
     return errors

@@ -291,7 +291,7 @@ def controller_entries(
     controller = maker_by(name).controller
     if scale and not controller.scale:
         problem = f"must be omitted: {controller.maker} uses {controller.unit}, without a scale"
-        raise UseError("--scale", problem, "remove it", code="controller.invalid")
+        raise UseError("--scale", problem, "remove it", code="usage")
     used, uncorrected = used_effects(rig, supported), rest_effects(rig, supported)
     uncertainty = pose_uncertainty(rig, supported)
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
@@ -450,5 +450,5 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
             f"{text!r} is not a list of six nonzero numbers",
             "give a number per axis, separated by commas",
         )
-        raise UseError("--scale", problem, remedy, code="controller.invalid")
+        raise UseError("--scale", problem, remedy, code="usage")
     return scale

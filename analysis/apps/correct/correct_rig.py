@@ -128,20 +128,20 @@ def correct_rig(
     by_model = bool(path or not programs.paths or points.uses_model)
     if by_model and not model_of(rig).effects:
         remedy = "diagnose or calibrate the arm, and give the written rig file"
-        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy, code="correction.impossible")
+        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy, code="calibration.missing")
     arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
     if not rig.takes_programs and (controller or programs.paths):
         problem = f"{arm}: controller entries and programs are supported only for arms of six axes without a rail"
-        raise UseError("--for, --program", problem, "give joint targets with --path", code="robot.other")
+        raise UseError("--for, --program", problem, "give joint targets with --path", code="arm.invalid")
     if entered and programs.paths:
         problem = "applies to --path; --program is for a controller without entries"
-        raise UseError("--entered", problem, "give one of them", code="correction.repeated")
+        raise UseError("--entered", problem, "give one of them", code="usage")
     if entered and not (path and controller):
         problem = "needs --path, and a maker from --for or the feedback"
-        raise UseError("--entered", problem, "give both", code="correction.repeated")
+        raise UseError("--entered", problem, "give both", code="usage")
     if entered and rig.controller == "unknown":
         problem = "the constants of the controller are unknown, so no values for it were computed"
-        raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="maker.unknown")
+        raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.invalid")
     supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
     entries, zeros, constants = None, list[Correction](), list[Correction]()
     if (points.are_computed or not programs.paths) and rig.controller != "unknown":
@@ -170,7 +170,7 @@ def correct_rig(
         whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"
         remedy = f"give a program of this robot, or --for {other.maker} if such a controller is used"
         problem = f"is a program for {of}, but {whose} {robot}"
-        raise FileError(str(other.path), problem, remedy, code="program.unclear")
+        raise FileError(str(other.path), problem, remedy, code="robot.other")
     work, numbers = _work(rig, supported), (tuple(zeros), tuple(constants))
     return Corrections(rig, tuple(supported), *numbers, work, targets, entries, entered, done, of_model, postures)
 

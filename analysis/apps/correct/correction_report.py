@@ -319,7 +319,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
         for name, data in program.files.items():
             if name in files:
                 remedy = "put corrected programs of the same name into different directories"
-                raise FileError(name, "would be written twice", remedy, code="program.invalid")
+                raise FileError(name, "would be written twice", remedy, code="output.invalid")
             remarks = _marks(program, date.isoformat()) if name in program.changed else []
             remarks += [ANYWAY] if program.path in against else []
             form = maker_by(program.maker).reader.remark

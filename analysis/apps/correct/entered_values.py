@@ -163,7 +163,7 @@ def _of_linuxcnc(rig: Rig, path: Path, text: str) -> ReadingChange:
     if (unit := rig.length_unit) is None:
         remedy = "add linear_units: mm or inch to robot, as LINEAR_UNITS of [TRAJ] says"
         raise FileError(
-            str(path), "has lengths in a unit that the rig file does not state", remedy, code="controller.invalid"
+            str(path), "has lengths in a unit that the rig file does not state", remedy, code="rig_file.invalid"
         )
     pins: dict[tuple[int, str], float] = {}
     for name, number, value in _PIN.findall(text):

@@ -179,7 +179,7 @@ def _joints_at(
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
         problem = "is beyond the limits of the arm's joints"
-        raise UseError("--start-joints", problem, "give angles within the limits", code="program.unclear")
+        raise UseError("--start-joints", problem, "give angles within the limits", code="usage")
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
     beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
     return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}

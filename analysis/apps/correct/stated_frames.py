@@ -41,7 +41,7 @@ class Frames:
             if not np.allclose(frame[:3, :3], np.eye(3), atol=1e-9):
                 problem = f"turns, but {language} adds A, B and C of a work offset to the numbers of the pose"
                 remedy = "give X,Y,Z, and 0 for the angles; with other angles, rig cannot correct the program"
-                raise UseError(f"--frame {name.upper()}", problem, remedy, code="program.unclear")
+                raise UseError(f"--frame {name.upper()}", problem, remedy, code="usage")
 
     def doubts(self, named: set[tuple[str, str]] | None, unit: LengthUnit | None) -> list[str]:
         """Doubts about frames that are probably in metres or inches, or that no move uses. named: kinds and names in
@@ -76,7 +76,7 @@ def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str], neutral
     for name in routines:
         if not re.fullmatch(r"\w[\w -]{0,39}", name):
             problem, remedy = "is not the name of a routine", "write NAME or NAME,NAME"
-            raise UseError(f"--neutral {name}", problem, remedy, code="program.unclear")
+            raise UseError(f"--neutral {name}", problem, remedy, code="usage")
     return Frames(_named("--tool", tools, transform(robot.tool)), _named("--frame", frames, None), routines)
 
 
@@ -85,7 +85,7 @@ def _named(option: str, texts: Sequence[str], of_rig: Array | None) -> dict[str,
     for text in texts:
         name, equals, values = (part.strip() for part in text.partition("="))
         if not equals or not name:
-            raise UseError(f"{option} {text}", "is not NAME=…", _HOW, code="program.unclear")
+            raise UseError(f"{option} {text}", "is not NAME=…", _HOW, code="usage")
         if values == "rig" and of_rig is not None:
             frame = of_rig
         elif values == "0":
@@ -96,7 +96,7 @@ def _named(option: str, texts: Sequence[str], of_rig: Array | None) -> dict[str,
             frame = transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))
         if not np.array_equal(frames.setdefault(name.lower(), frame), frame):
             problem = "is given twice, with different numbers"
-            raise UseError(f"{option} {name}", problem, "give it once", code="program.unclear")
+            raise UseError(f"{option} {name}", problem, "give it once", code="usage")
     return frames
 
 
@@ -110,5 +110,5 @@ def start_of(text: str | None) -> tuple[float, ...] | None:
 def _six(argument: str, text: str, limit: float, how: str) -> tuple[float, ...]:
     numbers = numbers_in(text)
     if len(numbers) != 6 or not all(abs(value) < limit for value in numbers):
-        raise UseError(argument, "is not six numbers", how, code="program.unclear")
+        raise UseError(argument, "is not six numbers", how, code="usage")
     return numbers

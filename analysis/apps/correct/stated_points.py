@@ -166,11 +166,11 @@ def taught_origin(rig: Rig, since: Path | None) -> PointOrigin:
     then, _ = load(since)
     if not _is_same_type(then, rig):
         problem = f"is of a different type of arm ({then.robot.name}) than {rig.robot.name}"
-        raise FileError(str(since), problem, "give a calibration of this type of arm", code="controller.invalid")
+        raise FileError(str(since), problem, "give a calibration of this type of arm", code="robot.other")
     for name, each in ((str(since), then), (rig.name, rig)):
         if each.calibrated is None and not any(effect.found for effect in each.effects):
             remedy = "give the rig file written by rig diagnose or rig calibrate (rig versions lists them)"
-            raise FileError(name, "has no calibration, so the arm is unknown", remedy, code="controller.invalid")
+            raise FileError(name, "has no calibration, so the arm is unknown", remedy, code="calibration.missing")
     set_up = {key: getattr(rig.robot, key) for key in ("tool", "base", "payload_kg")}
     then = then.model_copy(update={"robot": then.robot.model_copy(update=set_up)})
     is_another = (then.robot.name, then.robot.serial) != (rig.robot.name, rig.robot.serial)

@@ -46,7 +46,7 @@ def _path_of(directory: Path, name: str) -> Path:
     try:
         files = sorted(path for path in directory.iterdir() if maker_of_file(path))
     except OSError as error:
-        raise FileError.of_os(directory, error, "give a directory of programs", code="robot.refused") from None
+        raise FileError.of_os(directory, error, "give a directory of programs", code="file.unreadable") from None
     full = _plain(named.stem if maker_of_file(named) else name)
     matching = [path for path in files if path.name == name] or [path for path in files if full in _names(path)]
     # The program name is shortened to the limit of a controller.
@@ -135,7 +135,7 @@ class Pendant:
         if maker and maker != self._maker:
             problem = f"is for a controller of {maker!r}, but this controller is of {self._maker!r}"
             remedy = f"create the file for {self._maker}, or start with --for {maker}"
-            raise FileError(where, problem, remedy, code="maker.unknown")
+            raise FileError(where, problem, remedy, code="robot.other")
         return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:

@@ -143,7 +143,7 @@ class Keyboard:
     def _with_programs(self) -> Pendant:
         if self._pendant is None:
             remedy = "start rig emulate with --programs DIRECTORY"
-            raise UseError("rig emulate", "has no programs", remedy, code="robot.refused")
+            raise UseError("rig emulate", "has no programs", remedy, code="usage")
         return self._pendant
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
@@ -169,7 +169,7 @@ def locked_cell(directory: Path) -> int:
     if lock is None:
         problem = "a different rig emulate or rig replay serves a cell in this directory"
         remedy = "stop that one, or choose a different --output"
-        raise CellError(str(directory), problem, remedy, code="usage")
+        raise CellError(str(directory), problem, remedy, code="output.exists")
     return lock
 
 
@@ -219,7 +219,7 @@ def serve_emulated(
         raise UseError("--for", "applies only to --programs", "add --programs")
     if programs is not None and not programs.is_dir():
         remedy = "give the directory of the programs"
-        raise FileError(str(programs), "is not a directory", remedy, code="robot.refused")
+        raise FileError(str(programs), "is not a directory", remedy, code="file.missing")
     rig, text = load(rig_file)
     path = rig_file_of_cell(directory)
     rig = load_hidden(effects).apply_to(rig) if effects else rig

@@ -258,5 +258,5 @@ def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
     friction = friction_nm(analysis.load_run(run).condition.friction or {}, torques)
     if not friction:
         problem = "contains no data on friction: motor currents or reversals of a joint are missing"
-        raise FileError(str(run), problem, "give a circle run with motor currents", code="arm.invalid")
+        raise FileError(str(run), problem, "give a circle run with motor currents", code="readings.unsuitable")
     return friction

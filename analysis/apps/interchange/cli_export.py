@@ -86,5 +86,5 @@ def _map_of(run: Run) -> bytes:
     if table is None or not table.map:
         problem = "was imported without a column map" if table else "is a recorded run without an imported table"
         remedy = "give a run that rig import created from a table with different columns"
-        raise FileError(str(run.path), problem, remedy, code="file.invalid")
+        raise FileError(str(run.path), problem, remedy, code="readings.unsuitable")
     return table.map.encode()

@@ -200,5 +200,5 @@ def _read(bag: Bag, rig: Rig) -> dict[str, Track]:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
             problem = f"contains fewer than two usable messages of {topic} ({decoders[topic][0]}); its topics: {has}"
             remedy = "set the topic and the joints in the rig file, and publish the gauges on /g1, /g2"
-            raise FileError(where, problem, remedy, code="readings.too_few")
+            raise FileError(where, problem, remedy, code="table.invalid")
     return tracks

@@ -36,7 +36,7 @@ def fixed(value: float, decimals: int) -> str:
     """Format a number, never as `-0` or with an exponent. Raises FileError for NaN and infinity."""
     if not math.isfinite(value):
         remedy = "check the numbers in the rig file"
-        raise FileError("the program", f"a number is {value}", remedy, code="program.invalid")
+        raise FileError("the program", f"a number is {value}", remedy, code="rig_file.invalid")
     text = f"{value:.{decimals}f}"
     return text.removeprefix("-") if float(text) == 0 else text
 

@@ -28,7 +28,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
-        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path), code="maker.unknown")
+        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path), code="program.invalid")
     files, data = maker.files, maker.files.data
     if path.is_dir():
         suffixes, is_of_maker = (*files.suffixes, data), maker.reader.is_of_maker
@@ -72,7 +72,7 @@ def _maker_of_directory(path: Path) -> Maker:
     if len(names) != 1:
         problem = f"has programs of {', '.join(sorted(names))}" if names else "has no robot program"
         remedy = f"give a program {suffixes_in_words()}, or a directory of one controller"
-        raise FileError(str(path), problem, remedy, code="maker.unknown")
+        raise FileError(str(path), problem, remedy, code="program.invalid")
     return maker_by(names.pop())
 
 
@@ -111,7 +111,7 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if not _is_encoded(content)}
     if neutral and not reader.empty:
         problem = f"is not possible for {maker.files.label}: a program is a single file"
-        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="program.unclear")
+        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="usage")
     stems = {Path(name).stem.upper() for name in (*files, *read_beside)}
     absent = tuple(dict.fromkeys(name for name in neutral if name.upper() not in stems))
     read_beside |= {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in absent}

@@ -36,7 +36,7 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) ->
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:
                 remedy = "give the rig file a shorter name"
-                raise FileError(name, "would contain two programs", remedy, code="program.invalid")
+                raise FileError(name, "would contain two programs", remedy, code="output.invalid")
     return files
 
 

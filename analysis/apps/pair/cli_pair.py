@@ -85,7 +85,7 @@ def pair(
             "rig pair",
             "needs both rig files, then a table of touches or --plan N",
             "see rig pair --help",
-            code="pair.invalid",
+            code="usage",
         )
     for option, value in (("--base", base), ("--simulate", simulate)):
         if value is not None and plan is None:
@@ -165,14 +165,14 @@ def _plan(
     from rigs.schema.robot import Pose
 
     if seed is not None and output is None:
-        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv", code="pair.invalid")
+        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv", code="usage")
     if output:
         refuse_existing(output)
     if base is not None:
         values = numbers_in(base)
         if len(values) not in _BASE_NUMBERS:
             remedy = "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180"
-            raise UseError("--base", f"{base!r} is not a pose", remedy, code="pair.invalid")
+            raise UseError("--base", f"{base!r} is not a pose", remedy, code="usage")
         pose = Pose.model_validate({"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)})
         second = second.model_copy(update={"robot": second.robot.model_copy(update={"base": pose})})
     if first.robot.base == second.robot.base:

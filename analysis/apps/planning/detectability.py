@@ -286,7 +286,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     for name in asked:
         if name not in every:
             remedy = f"give some of {','.join(every)}"
-            raise UseError("--tests", f"{name!r} is not a test", remedy, code="request.invalid")
+            raise UseError("--tests", f"{name!r} is not a test", remedy, code="usage")
     tests = tuple(name for name in every if name in asked)
     for test in tests:
         require_test(rig, test)

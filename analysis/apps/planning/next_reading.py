@@ -171,7 +171,7 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
     """
     if rig.robot.rail:
         problem = "has a rail, but readings are proposed for a fixed base"
-        raise FileError(RigPlace.of(rig.name), problem, "measure poses by a plan of your own", code="usage")
+        raise FileError(RigPlace.of(rig.name), problem, "measure poses by a plan of your own", code="arm.invalid")
     supported, is_usable = supports(rig), rig.calibrated is not None and not why_nothing(rig)
     joints = pose_uncertainty(rig, supported).joints_rad if is_usable else None
     q = work_or_spread(rig, joints) if targets is None else targets[0]

@@ -84,14 +84,14 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     if rig.robot.rail:
         problem = "has a rail, but poses can be planned only for a fixed base"
         remedy = "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="path.impossible")
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="arm.invalid")
     arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
     low, high = joint_ranges(arm)
     for axis in np.flatnonzero(low >= high).tolist():
         first, last = rig.robot.axes[axis].limits_deg
         where = RigPlace.of(rig.name, f"robot.axes[{axis + 1}]")
         problem = f"limits_deg [{first:g}, {last:g}] leave {rig.robot.axis_words(axis + 1)} no room to move"
-        raise FileError(where, problem, "give them in degrees", code="path.impossible")
+        raise FileError(where, problem, "give them in degrees", code="rig_file.invalid")
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:
         problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"

@@ -65,7 +65,7 @@ def circle_candidates(
     """
     if rig.tests.circle is None:
         remedy = "add a circle: centre, posture, radius"
-        raise FileError(RigPlace.of(rig.name), "needs tests.circle as a start", remedy, code="path.impossible")
+        raise FileError(RigPlace.of(rig.name), "needs tests.circle as a start", remedy, code="rig_file.invalid")
     circles, refused = [], Counter[str]()
     for words, other_rig in _circles(rig, rig.tests.circle):
         try:
@@ -212,7 +212,7 @@ def propose(
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
         remedy = "give yaw or roll: further circles are proposed for these tests"
-        raise UseError("--tests", "has no test on a circle", remedy, code="path.impossible")
+        raise UseError("--tests", "has no test on a circle", remedy, code="usage")
     found, refused = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)

@@ -155,7 +155,7 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
         return load(arm)[0]
     if not all(facts_of(run.table.test).of_places for run in runs):
         problem, remedy = "has no tool, but runs with gauges need a tool", "give the rig file of this arm"
-        raise FileError(str(arm), problem, remedy, code="runs.not_comparable")
+        raise FileError(str(arm), problem, remedy, code="rig_file.invalid")
     if is_of_library:
         robot = load(arm)[0].robot
     else:

@@ -63,7 +63,7 @@ def history(
         check_page_file(output)
     if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
         remedy = f"give the name of the robot: rig history NAME --runs {as_argument(robot)}"
-        raise UseError(robot, "is a directory, not the name of a robot", remedy, code="file.missing")
+        raise UseError(robot, "is a directory, not the name of a robot", remedy, code="usage")
     collected = collect(runs, robot, Workers(jobs, scheduler), CountedProgress())
     limits = load(rig_file)[0].limits if rig_file else None
     history_found = history_of(collected, figure, since.date() if since else None, limits)

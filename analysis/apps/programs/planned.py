@@ -138,7 +138,7 @@ def plans_of(
     directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions or (None,)):
         problem = f"the rig file has no rule for a signal of the {test} test"
-        raise UseError("--outputs", problem, "add a rule to automatic.rules, or omit --outputs", code="output.invalid")
+        raise UseError("--outputs", problem, "add a rule to automatic.rules, or omit --outputs", code="usage")
     if directions:
         return [_circle(rig, test, direction, outputs, arc_deg) for direction in directions]
     return [_radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)]

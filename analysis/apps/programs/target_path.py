@@ -145,7 +145,7 @@ def compensated_plans(
     require_usable_model(rig, rig_file, anyway=anyway)
     if rig.controller == "unknown":
         problem = "the program has poses, and the constants with which the controller computes poses are unknown"
-        raise FileError(rig_file, problem, how_to_state_controller(rig), code="maker.unknown")
+        raise FileError(rig_file, problem, how_to_state_controller(rig), code="controller.invalid")
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:

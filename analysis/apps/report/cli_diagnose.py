@@ -176,7 +176,7 @@ def load_uses(
     used = [path for path in every if path not in {*judges, *elsewhere}]
     if not used:
         problem = "exclude every run"
-        raise UseError("--hold-out and --unseen", problem, "give fewer runs to these options", code="run.missing")
+        raise UseError("--hold-out and --unseen", problem, "give fewer runs to these options", code="usage")
     loaded = [load_runs(group, jobs=jobs, scheduler=scheduler) for group in (used, judges, elsewhere)]
     uses, errors = [runs for runs, _ in loaded], [error for _, bad in loaded for error in bad]
     if not uses[0]:

@@ -49,7 +49,7 @@ class Child:
             log.parent.mkdir(parents=True, exist_ok=True)
             opened = log.open("ab")
         except OSError as error:
-            raise FileError.of_os(log, error, "choose a different --output", code="process.failed") from None
+            raise FileError.of_os(log, error, "choose a different --output", code="output.not_writable") from None
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-c", entry, *map(str, arguments)],
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,

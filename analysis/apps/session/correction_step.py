@@ -89,7 +89,7 @@ def corrected(
         how = how_to_state_controller(model)
         if chosen_way not in (None, "none"):
             problem = "the constants of the controller are unknown: nothing is corrected"
-            raise FileError(str(model_file), problem, how, code="maker.unknown")
+            raise FileError(str(model_file), problem, how, code="controller.invalid")
         sentence = f"Nothing was corrected: the constants of the controller are unknown. To correct the robot, {how}."
         return _correction("none", sentence, now_um), {}
     by_entries_um = _left_um(on_circle, at_controller(rig), entries.effects)
@@ -193,7 +193,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Sessi
     where = f"the corrected programs of the stage {stage.name}"
     if failures:
         problem = f"{len(failures)} targets cannot be corrected: {failures[0].what}"
-        raise FileError(where, problem, _ENTER, code="table.invalid")
+        raise FileError(where, problem, _ENTER, code="correction.impossible")
     angles = angles + ahead
     poses = forward(controller_arm(moved.robot), angles)
     plans = compensated([program.plan for program in programs], angles, poses, range(1, len(q) + 1), where)

@@ -368,7 +368,7 @@ class Conductor:
         if not self.cell.enter(file):
             problem = "the operator has not confirmed that the values are entered"
             remedy = f"enter the values, then run: {self.place.command(session.rig_file, session)} --entered"
-            raise CellError(str(file), problem, remedy, code="controller.invalid")
+            raise CellError(str(file), problem, remedy, code="answer.missing")
         self._keep(correction=_of(session.correction).model_copy(update={"entered": True}))
 
     def _report(self) -> None:

@@ -341,7 +341,7 @@ class SessionDirectory:
             self._lock = durable.try_lock(self.directory)
         except OSError as error:
             remedy = "choose a different --output"
-            raise FileError.of_os(self.directory, error, remedy, code="session.invalid") from None
+            raise FileError.of_os(self.directory, error, remedy, code="output.not_writable") from None
         if self._lock is None:
             problem = "a different rig session uses this directory"
             remedy = "end that session, or show it with --status"

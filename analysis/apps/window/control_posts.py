@@ -149,7 +149,7 @@ class WindowCheck:
         chosen = next((reference for reference in touchable(self._runs) if reference.runs[0].name == name), None)
         if chosen is None:
             problem = f"{name!r} is not a known reference"
-            raise UseError("reference", problem, "choose one of the list", code="run.missing")
+            raise UseError("reference", problem, "choose one of the list", code="request.invalid")
         return GuidedCheck.of_runs([load_measured(chosen.runs[0])])
 
     def _joints(self, typed: str, axes: int) -> Array:
@@ -173,12 +173,12 @@ class WindowCheck:
         rows = robot["rows"] if robot else []
         if not rows:
             remedy = "type the angles that the controller shows"
-            raise CellError("robot", "reports no joint angles", remedy, code="arm.invalid")
+            raise CellError("robot", "reports no joint angles", remedy, code="robot.silent")
         places = [1 + robot["columns"].index(name) for name in joint_columns(axes)]
         newest_ns = rows[-1][0]
         recent = [[row[place] for place in places] for row in rows if newest_ns - row[0] <= 1e9 * _REST_S]
         if any(angle is None for angles in recent for angle in angles):
-            raise FileError("robot", "did not report all joint angles", "repeat the touch", code="arm.invalid")
+            raise FileError("robot", "did not report all joint angles", "repeat the touch", code="robot.silent")
         q_deg = np.array(recent, dtype=float)
         if np.ptp(q_deg, axis=0).max() > FLICKER_DEG:
             raise CellError("robot", "is moving", "let it come to rest, then take the touch", code="robot.moving")

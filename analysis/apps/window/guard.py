@@ -36,11 +36,11 @@ def token_of(file: Path) -> str:
     try:
         token = read_text(file, _MOST_TOKEN).strip()
     except OSError as error:
-        raise FileError.of_os(file, error, "give a file with the token", code="request.invalid") from None
+        raise FileError.of_os(file, error, "give a file with the token", code="file.unreadable") from None
     if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         problem = f"contains no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
         remedy = "create a token: openssl rand -hex 24 > FILE, and chmod 600 FILE"
-        raise FileError(str(file), problem, remedy, code="request.invalid")
+        raise FileError(str(file), problem, remedy, code="file.invalid")
     return token
 
 

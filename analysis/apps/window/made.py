@@ -47,7 +47,7 @@ class OutputStore:
             if made is None:
                 if sum(not other.done() for other in self._made.values()) > MOST_WAITING:
                     problem = "other pages are being created"
-                    raise CellError("rig window", problem, "retry in a minute", code="request.invalid")
+                    raise CellError("rig window", problem, "retry in a minute", code="daemon.busy")
                 made = self._worker.submit(self._run, key, words)
             elif made.done() and made.exception() is not None:
                 return made.result()
@@ -83,7 +83,7 @@ class OutputStore:
             lines = log.read_text("utf-8", "replace").splitlines()
             error = next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")
             problem = f"took more than {_LONGEST_S / 60:.0f} min" if is_late else error or child.ended().what
-            raise FileError(words[0], problem, "check the runs, or retry", code="request.invalid")
+            raise FileError(words[0], problem, "check the runs, or retry", code="process.failed")
         return out
 
 

@@ -34,7 +34,7 @@ def listening(address: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         problem = f"cannot be used for listening: {getattr(error, 'strerror', None) or error}"
         remedy = "choose a different --port, or end the program that has it"
-        raise CellError(f"{address}:{port}", problem, remedy, code="address.invalid") from None
+        raise CellError(f"{address}:{port}", problem, remedy, code="port.in_use") from None
 
 
 class WindowServer(uvicorn.Server):
@@ -75,7 +75,7 @@ def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
     host = f"[{listen}]" if ":" in listen else listen
     gate = Gate((host, *asked.names), token_of(asked.token) if asked.token else None)
     if asked.session and rig_file is None:
-        raise UseError("--session", "needs the rig file of the cell", "give CELL", code="rig_file.invalid")
+        raise UseError("--session", "needs the rig file of the cell", "give CELL", code="usage")
     rig = load(rig_file)[0] if rig_file is not None else None
     place = SessionDirectory(asked.session or Path(f"session-{rig.name}")) if rig else None
     shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))

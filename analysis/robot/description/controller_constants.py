@@ -133,7 +133,7 @@ def data_sheet_of(robot: Robot) -> Robot:
     if not robot.arm:
         problem = "has the constants of a controller, and no `arm` that names the data sheet"
         raise FileError(
-            f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)", code="robot.other"
+            f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)", code="rig_file.invalid"
         )
     return bare.model_copy(update={"axes": load_arm(robot.arm).robot.axes})
 

@@ -104,7 +104,7 @@ def cube_of(rig: Rig) -> Cube:
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
     if len(rig.robot.axes) != DRIVEN_AXES:
         problem = f"is for an arm of {len(rig.robot.axes)} axes, but programs of the cube need {DRIVEN_AXES} axes"
-        raise FileError(where, problem, "measure it by planned poses: rig plan RIG --poses 30", code="table.invalid")
+        raise FileError(where, problem, "measure it by planned poses: rig plan RIG --poses 30", code="arm.invalid")
     cube = _cube(rig.robot, test)
     if cube is None:
         stated = [name for name in ("centre_mm", "side_mm", "posture_deg") if getattr(test, name) is not None]

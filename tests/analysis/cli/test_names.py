@@ -99,7 +99,7 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig, monkeypatch):
 
 def test_second_cell_in_a_directory_is_refused(tmp_path):
     lock = locked_cell(tmp_path / "cell")
-    with refused("usage", "different rig emulate or rig replay"):
+    with refused("output.exists", "different rig emulate or rig replay"):
         locked_cell(tmp_path / "cell")
     durable.close(lock)
     durable.close(locked_cell(tmp_path / "cell"))

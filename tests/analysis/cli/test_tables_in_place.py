@@ -62,4 +62,4 @@ def test_library_arm_counts_as_a_rig_file_without_tests(folder):
 
 @pytest.mark.parametrize("command", [("diagnose", "ur5", "poses.csv"), ("analyse", "ur5"), ("compare", "ur5")])
 def test_arm_in_place_of_a_run_is_refused(folder, command):
-    assert failure_of(*command, cwd=folder)[1] == "readings.unsuitable"
+    assert failure_of(*command, cwd=folder)[1] == "usage"

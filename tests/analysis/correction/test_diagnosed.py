@@ -61,7 +61,7 @@ def test_four_targets_of_an_arm_with_four_axes_are_joint_angles():
 
 
 def test_what_would_change_nothing_is_refused(found, tmp_path):
-    with refused("correction.impossible", "has neither a calibration nor effects,"):
+    with refused("calibration.missing", "has neither a calibration nor effects,"):
         analysis.calibrated_arm(RIG).correct(Q_DEG)
     for call in (
         replace(found, calibrated=None).calibrated_arm,

@@ -149,5 +149,5 @@ def test_statement_that_is_no_posture_is_refused(tmp_path, options, problem):
     near, _, start = options.removeprefix("--near ").partition(" --start-joints ")
     with pytest.raises(UseError) as refusal:
         stated_posture(table(tmp_path, 2).rig, near, start or None)
-    assert refusal.value.code == "program.unclear"
+    assert refusal.value.code == "usage"
     assert problem in f"{refusal.value.what}"

@@ -93,7 +93,7 @@ def test_simulated_sockets_have_the_distances_that_are_known():
     rig = parse(text, "cell.yaml")
     found = evaluate(planned_touches(rig), model_of(rig))
     assert [one.distance.value for one in found.distances] == pytest.approx([50, 80, 60], abs=1e-3)
-    with refused("readings.too_few", "for a socket with enough postures"):
+    with refused("rig_file.invalid", "for a socket with enough postures"):
         planned_touches(rig_with(9000.0, "ur5"))
 
 

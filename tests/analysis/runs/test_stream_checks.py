@@ -95,5 +95,5 @@ def test_stopped_clock_is_ignored_with_a_doubt(stream, step_s):
 
 def test_run_of_a_replay_out_of_step_is_refused():
     manifest = lap().manifest.model_copy(update={"counters": {"robot": {"out_of_step": 4}}})
-    with refused("run.damaged", "so the results would be wrong"):
+    with refused("readings.unsuitable", "so the results would be wrong"):
         measured_of(replace(lap(), manifest=manifest))

@@ -49,13 +49,13 @@ def test_truncated_line_is_reported_and_ignored():
     ],
 )
 def test_invalid_capture_names_the_line(text, said):
-    with refused("run.damaged", "a capture") as caught:
+    with refused("file.invalid", "a capture") as caught:
         read_text(Path("log"), text)
     assert said in str(caught.value)
 
 
 def test_a_missing_file_is_one_line(tmp_path):
-    with refused("run.damaged", "No such file or directory"):
+    with refused("file.invalid", "No such file or directory"):
         read_capture(tmp_path / "none")
 
 

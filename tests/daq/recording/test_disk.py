@@ -460,7 +460,7 @@ def test_disk_without_runs_gets_no_further_request(written, making):
         written.start(NEXT)
         ending.append(written.recorder.stop_run())
     written.deliver()
-    with refused("recording.running", "runs, which were stopped early"):
+    with refused("daemon.busy", "runs, which were stopped early"):
         written.start(NEXT)
     making.open()
     assert len({end.result().path for end in ending}) == 2

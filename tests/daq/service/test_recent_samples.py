@@ -79,5 +79,5 @@ def test_no_answer_is_longer_than_a_client_takes():
     "request_", [{"after": 3}, {"after": {"g1": -1}}, {"after": {"g1": "x"}}, {"rig": "maybe"}, {"more": 1}]
 )
 def test_a_wrong_request_is_refused_in_one_line(request_):
-    with refused("daemon.refused", "invalid samples request"):
+    with refused("request.invalid", "invalid samples request"):
         recent_samples({"command": "samples", **request_}, {}, "")

@@ -233,7 +233,7 @@ def test_vanished_file_is_noticed_at_the_next_write_without_loss(tmp_path, name,
         (writer.path / name).unlink()
     writer.append("g1", samples(4, 1, 12))
     writer.append("robot", samples(4, 2, 12))
-    with refused("run.damaged", "disappeared during the recording"):
+    with refused("recording.failed", "disappeared during the recording"):
         writer.write()
     writer.close("failed", f"{name} has vanished", {})
     recover(writer.path)

@@ -44,7 +44,7 @@ def test_run_of_an_external_test_needs_its_package(tmp_path):
     text = manifest.read_text().replace('"yaw"', '"height"')
     manifest.write_text(text)
     for use in (load_manifest, recover):
-        with refused("readings.unsuitable", "neither rig nor an installed package"):
+        with refused("package.missing", "neither rig nor an installed package"):
             use(manifest.parent)
     assert manifest.read_text() == text
 

@@ -45,7 +45,7 @@ def test_a_manifest_without_a_history_reads_and_is_written_as_before(run):
 
 def test_a_run_that_is_no_circle_any_more_has_no_direction(run):
     assert relabel(run, test="radial").direction is None
-    with refused("readings.unsuitable", "test needs a direction, which this"):
+    with refused("answer.missing", "test needs a direction, which this"):
         relabel(run, test="yaw")
     assert relabel(run, test="yaw", direction="acw").direction == "acw"
     assert len(load_manifest(run).relabelled) == 4
@@ -53,16 +53,16 @@ def test_a_run_that_is_no_circle_any_more_has_no_direction(run):
 
 def test_invalid_label_is_refused_and_changes_nothing(run):
     before = (run / MANIFEST).read_bytes()
-    with refused("request.invalid", "test does not have a direction"):
+    with refused("usage", "test does not have a direction"):
         relabel(run, test="radial", direction="acw")
     with refused("readings.unsuitable", "yaw test, which cannot be relabelled"):
         relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
-        with refused("request.invalid", "contains control characters"):
+        with refused("usage", "contains control characters"):
             relabel(run, operator=name)
-    with refused("request.invalid", "the name has"):
+    with refused("usage", "the name has"):
         relabel(run, operator="x" * 201)
-    with refused("request.invalid", "placement String should match pattern"):
+    with refused("usage", "placement String should match pattern"):
         relabel(run, placement="a place")
     assert (run / MANIFEST).read_bytes() == before
 

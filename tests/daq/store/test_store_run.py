@@ -121,7 +121,7 @@ def test_missing_run_and_manifest(tmp_path):
     for act in (read_run, recover):
         with refused("run.missing", "no such file or directory"):
             act(tmp_path / "none")
-    with refused("run.damaged", "File name too long"):
+    with refused("file.unreadable", "File name too long"):
         read_run(tmp_path / ("x" * 300))
     with refused("run.missing", "contains no run"):
         read_run(tmp_path)

@@ -97,7 +97,7 @@ def feed(plan: MotionPlan) -> dict[str, str]:
             "feedback",
             f"KAREL cannot print the separator {separator!r}",
             "choose one in ASCII",
-            code="usage",
+            code="rig_file.invalid",
         )
     # Characters that cannot be quoted are written as numbers.
     parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
@@ -126,7 +126,7 @@ def _field(name: str) -> str:
             "feedback",
             f"the generated program cannot print {name}",
             "remove the field from `fields`",
-            code="usage",
+            code="rig_file.invalid",
         )
     joint = f"joints[{name[1]}]"
     return f"{joint}::12::4" if name.endswith("_deg") else f"{joint} * {_RAD_PER_DEG}::12::7"

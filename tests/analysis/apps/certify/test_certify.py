@@ -86,16 +86,16 @@ def test_unmeasured_arm_decides_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("tolerance", "code"),
     [
-        ("A=0.3", "table.invalid"),
-        ("A=0mm", "table.invalid"),
-        ("A", "table.invalid"),
-        ("Z=0.3mm", "table.invalid"),
-        ("roundness:A,B=0.3mm", "table.invalid"),
-        ("distance:A=0.3mm", "table.invalid"),
-        ("distance:A,A=0.3mm", "table.invalid"),
-        ("distance:A,D..B=0.3mm", "table.invalid"),
-        ("flatness:A..B..D=0.3mm", "table.invalid"),
-        ("flatness:A..far=0.3mm", "table.invalid"),
+        ("A=0.3", "usage"),
+        ("A=0mm", "usage"),
+        ("A", "usage"),
+        ("Z=0.3mm", "usage"),
+        ("roundness:A,B=0.3mm", "usage"),
+        ("distance:A=0.3mm", "usage"),
+        ("distance:A,A=0.3mm", "usage"),
+        ("distance:A,D..B=0.3mm", "usage"),
+        ("flatness:A..B..D=0.3mm", "usage"),
+        ("flatness:A..far=0.3mm", "usage"),
     ],
 )
 def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, tolerance, code):
@@ -106,7 +106,7 @@ def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, toleranc
 
 def test_flatness_of_a_program_without_targets_is_an_error():
     features, errors = features_of(["flatness:all=1mm"], None, (), (), np.empty((0, 3)))
-    assert not features and [error.code for error in errors] == ["table.invalid"]
+    assert not features and [error.code for error in errors] == ["usage"]
 
 
 def test_table_of_features_and_page(tmp_path):
@@ -114,7 +114,7 @@ def test_table_of_features_and_page(tmp_path):
     (tmp_path / "features.csv").write_text(rows)
     found = certified(tmp_path, SHIFT, options="--features features.csv -o page.html")
     assert list(found["by_name"]) == ["edge", "A", "B", "C", "D", "far"]
-    assert [error["code"] for error in found["errors"]] == ["table.invalid"]
+    assert [error["code"] for error in found["errors"]] == ["usage"]
     page = (tmp_path / "page.html").read_text()
     assert page.count("<tr>") == 7
     assert "data:image/png" in page
@@ -143,7 +143,7 @@ def test_program_judges_understood_targets_and_lists_the_others(tmp_path):
     names = [feature["name"] for feature in found["features"]]
     assert len(names) == 5
     assert sum(feature["probability"] is None for feature in found["features"]) == len(found["not_understood"]) == 1
-    assert [error["code"] for error in found["errors"]] == ["table.invalid"]
+    assert [error["code"] for error in found["errors"]] == ["usage"]
     assert found["errors"][0]["where"] == "--tolerance straightness:3,8=1mm"
 
 

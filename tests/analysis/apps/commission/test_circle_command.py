@@ -93,10 +93,10 @@ def test_ball_is_fitted_to_a_circle_or_to_stops(run, cell, tmp_path):
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ((), "run.missing"),
-        (("RUN", "--live"), "run.missing"),
-        (("RUN", "--write"), "rig_file.invalid"),
-        (("RUN", "--rig", "ur10e-cell", "--write"), "output.exists"),
+        ((), "usage"),
+        (("RUN", "--live"), "usage"),
+        (("RUN", "--write"), "usage"),
+        (("RUN", "--rig", "ur10e-cell", "--write"), "output.not_writable"),
         (("RUN", "--rig", "paper-fanuc"), "robot.other"),
     ],
 )

@@ -231,10 +231,10 @@ def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(t
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        ("--for kuka --scale 1,2,3,4,5,6", "controller.invalid"),
-        ("--for abb --scale 1,2,3", "controller.invalid"),
-        ("--for abb --scale 1,2,3,4,5,0", "controller.invalid"),
-        ("--entered", "correction.repeated"),
+        ("--for kuka --scale 1,2,3,4,5,6", "usage"),
+        ("--for abb --scale 1,2,3", "usage"),
+        ("--for abb --scale 1,2,3,4,5,0", "usage"),
+        ("--entered", "usage"),
         ("--for cuca", "usage"),
     ],
 )

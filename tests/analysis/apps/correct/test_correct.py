@@ -323,7 +323,7 @@ def test_every_bad_cell_is_reported(tmp_path):
 
 
 def test_a_rig_without_effects_has_nothing_to_correct():
-    with refused("correction.impossible", "has no effects to correct"):
+    with refused("calibration.missing", "has no effects to correct"):
         correct_rig(_rig(), None)
 
 

@@ -187,7 +187,7 @@ def test_impossible_program_is_rejected(tmp_path, body):
         ("yaw", "maker.unknown"),
         ("lap", "usage"),
         ("yaw_roll", "usage"),
-        ("yaw_fanuc", "maker.unknown"),
+        ("yaw_fanuc", "robot.other"),
         ("/nowhere/yaw.script", "file.unreadable"),
     ],
 )

@@ -188,4 +188,4 @@ def test_plan_of_touches_names_neither_circles_nor_gauges(tmp_path, monkeypatch)
 
 
 def test_an_unknown_test_is_refused_in_one_line():
-    assert failure_of("plan paper-fanuc --tests yaw,jaw") == (2, "request.invalid")
+    assert failure_of("plan paper-fanuc --tests yaw,jaw") == (2, "usage")

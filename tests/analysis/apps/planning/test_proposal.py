@@ -118,5 +118,5 @@ def test_command_prints_circles_and_next_step(proposed, tmp_path, monkeypatch):
 def test_wrong_use_is_one_line(tmp_path):
     for options, told in (f"-o {tmp_path}", "--output"), ("--propose --tests radial", "--tests"):
         assert errors_of(f"plan paper-fanuc {options}", exit_code=2).startswith(f"error: {told}: ")
-    with refused("path.impossible", "circle as a start"):
+    with refused("rig_file.invalid", "circle as a start"):
         propose(with_tests(RIG, circle=None), CIRCLE, 3, 60.0)

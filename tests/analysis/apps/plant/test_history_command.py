@@ -71,7 +71,7 @@ def test_since_and_figure_select_and_unknown_ones_are_refused(runs):
         (f"ur10e --runs {runs} --since 2027-01-01", "run.missing"),
         (f"ur10e --runs {runs} --figure nothing", "usage"),
         (f"ur10e --runs {runs} --csv", "usage"),
-        (runs, "file.missing"),
+        (runs, "usage"),
     ):
         assert failure_of(f"history {options}")[1] == code
 

@@ -101,7 +101,7 @@ def test_a_condition_that_karel_cannot_print_is_refused():
     rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
     with pytest.raises(FileError, match="speed_percent") as refused:
         files_of("fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
-    assert refused.value.code == "usage"
+    assert refused.value.code == "rig_file.invalid"
 
 
 def printed(text: str) -> bytes:

@@ -172,7 +172,7 @@ def test_correction_is_loaded_or_entered_before_the_verification(
 
 def test_unconfirmed_entries_end_the_session(at_start, tmp_path, monkeypatch):
     monkeypatch.setattr(Scripted, "enter", lambda *_: False)
-    with refused("controller.invalid", "confirmed that the values are entered") as error:
+    with refused("answer.missing", "confirmed that the values are entered") as error:
         conduct(known(at_start).model_copy(update={"correction": BY_ENTRIES}), tmp_path)
     assert error.value.remedy.endswith(" --entered")
 

@@ -49,7 +49,7 @@ def test_without_control_nothing_is_controlled(tmp_path):
     with served(tmp_path) as one:
         assert one.window.gate.secret not in one.ask("/").text
         assert one.post("/control/zero", f"secret={one.window.gate.secret}").status == 403
-        with refused("address.invalid", "while attempting to bind on address"):
+        with refused("port.in_use", "while attempting to bind on address"):
             listening("127.0.0.1", one.port)
 
 
@@ -103,7 +103,7 @@ def test_a_token_file_contains_one_long_word(tmp_path):
             token_of(file)
     file.write_text(f"{TOKEN}\n")
     assert token_of(file) == TOKEN
-    with refused("request.invalid", "No such file or directory"):
+    with refused("file.unreadable", "No such file or directory"):
         token_of(tmp_path / "none")
 
 

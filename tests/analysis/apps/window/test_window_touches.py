@@ -107,8 +107,8 @@ def test_touch_of_a_moving_robot_is_refused(case):
     incomplete = [[0, None, *q[1:].tolist()]]
     for rows, code in (
         (_rows(q, 0.1), "robot.moving"),
-        ([], "arm.invalid"),
-        (incomplete, "arm.invalid"),
+        ([], "robot.silent"),
+        (incomplete, "robot.silent"),
     ):
         moving = WindowCheck(_Daemon(rows), folder / "runs")
         moving.do("begin", {"run": "before"})

@@ -45,8 +45,8 @@ def script(tmp_path):
 @pytest.mark.parametrize(
     ("name", "data", "code"),
     [
-        ("a.txt", b"movej([0,0,0,0,0,0])", "maker.unknown"),
-        ("a.dat", b"DEFDAT A\nENDDAT\n", "maker.unknown"),
+        ("a.txt", b"movej([0,0,0,0,0,0])", "program.invalid"),
+        ("a.dat", b"DEFDAT A\nENDDAT\n", "program.invalid"),
         ("a.script", b"\x7fELF\x00\x00", "file.invalid"),
         ("a.ls", "/PROG A".encode("utf-16"), "file.invalid"),
         ("a.mod", b"x" * 10_000_001, "file.too_large"),
@@ -138,10 +138,10 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ("--tool 1 --program a.script --points computed", "program.unclear"),
-        ("--tool 1=1,2 --program a.script --points computed", "program.unclear"),
-        ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "program.unclear"),
-        ("--frame 1=rig --program a.script --points computed", "program.unclear"),
+        ("--tool 1 --program a.script --points computed", "usage"),
+        ("--tool 1=1,2 --program a.script --points computed", "usage"),
+        ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "usage"),
+        ("--frame 1=rig --program a.script --points computed", "usage"),
         ("--start-joints 0,0,0,0,0,0", "usage"),
     ],
 )
@@ -170,7 +170,7 @@ def test_programs_of_one_name_are_refused(tmp_path, cell):
         path.parent.mkdir()
         path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     words = ("--program", paths[0], "--program", paths[1], "--points", "computed", "-o", tmp_path / "out")
-    assert failure_of("correct", cell, *words) == (3, "program.invalid")
+    assert failure_of("correct", cell, *words) == (3, "output.invalid")
 
 
 def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path, cell):
@@ -178,7 +178,7 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     for words in ((), ("--for", "fanuc")):
         code = failure_of("correct", cell, "--program", path, "--points", "computed", "-o", tmp_path / "out", *words)
-        assert code == (3, "program.unclear")
+        assert code == (3, "robot.other")
     assert not (tmp_path / "out").exists()
     done = succeeded(f"correct {cell} --program {path} --points computed -o {tmp_path}/out --for kuka")
     assert "a.src (kuka): 1 target corrected" in done.stdout

@@ -47,7 +47,7 @@ def test_partly_corrected_program_is_reported_and_held_on_request(tmp_path):
 def test_tool_stated_twice_with_other_numbers_is_refused():
     robot = rig_of("ur10e").robot
     for tools, frames in ((["1=0", "1=0,50,200,0,20,10"], []), ([], ["2=0", "2=1,0,0,0,0,0"])):
-        with refused("program.unclear", "is given twice, with different numbers"):
+        with refused("usage", "is given twice, with different numbers"):
             frames_of(robot, tools, frames)
     assert set(frames_of(robot, ["1=0", "1=0,0,0,0,0,0"], []).tools) == {"1"}
 
@@ -84,7 +84,7 @@ def test_neutral_routines_are_reported(tmp_path):
     assert found.neutral == ("GRIP", "Hand open")
     assert "GRIP" in " ".join(words_of(program_report.blocks(found)))
     assert program_report.as_object(found)["neutral_routines"] == found.neutral
-    with refused("program.unclear", "a program is a single file"):
+    with refused("usage", "a program is a single file"):
         corrected_cell("ur", tmp_path, {"a.script": "movej({q0})\n"}, neutral=["GRIP"])
 
 

@@ -98,7 +98,7 @@ def test_conversion_needs_neither_effects_nor_a_model(cell):
     succeeded(*command(cell, "--points", "taught", "--since", cell.with_name("values.yaml")))
     cell.with_name("out").rename(cell.with_name("first"))
     succeeded(*command(cell, "--points", "taught"))
-    assert failure_of(*command(cell, "--points", "computed")) == (3, "correction.impossible")
+    assert failure_of(*command(cell, "--points", "computed")) == (3, "calibration.missing")
 
 
 @pytest.mark.parametrize(
@@ -208,10 +208,10 @@ def test_new_constants_do_not_change_joint_targets(cell):
 def test_calibration_of_another_type_of_arm_is_refused(cell):
     rig, other = load(cell)[0], cell.with_name("other.yaml")
     other.write_text(extended(load("paper-fanuc")[1], list(EFFECTS), "other"))
-    with refused("controller.invalid", "FANUC-like elbow arm, uncoupled"):
+    with refused("robot.other", "FANUC-like elbow arm, uncoupled"):
         points_of(rig, "taught", other)
     other.write_text(load("ur10e-cell")[1])
-    with refused("controller.invalid", "calibration, so the arm is unknown"):
+    with refused("calibration.missing", "calibration, so the arm is unknown"):
         points_of(rig, "taught", other)
 
 

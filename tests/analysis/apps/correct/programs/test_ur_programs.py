@@ -47,7 +47,7 @@ def test_routine_named_like_a_built_in_function_is_followed(name, tmp_path):
 
 
 def test_start_beyond_the_limits_is_refused(tmp_path):
-    with refused("program.unclear", "beyond the limits of the arm"):
+    with refused("usage", "beyond the limits of the arm"):
         corrected_ur(tmp_path, "a", TCP + "movel({p1})\n", start=(7.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
@@ -201,6 +201,6 @@ def _in_plane(place: tuple[float, float, float], vector: list[float]) -> str:
 def test_binary_program_is_refused_with_the_form_to_give(name, tmp_path):
     path = tmp_path / name
     path.write_bytes(b"\x1f\x8b")
-    with refused("maker.unknown", "a known kind of robot program") as error:
+    with refused("program.invalid", "a known kind of robot program") as error:
         program_texts(path)
     assert re.search(r"\.(script|ls)", error.value.remedy)
