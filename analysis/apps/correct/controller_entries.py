@@ -101,11 +101,12 @@ class Projection:
 
     @property
     def is_possible(self) -> bool:
-        """False if a change is larger than its effect allows: the constants nearly cancel each other."""
+        """False if a change is outside the range of its effect, as those of constants that nearly cancel each other."""
         try:
-            return bool(self.effects)
-        except ValueError:
+            _ = self.effects
+        except ValueError:  # of pydantic
             return False
+        return True
 
     def changes(self, moves: Array) -> Array:
         """Changes (k, m) in mm or degrees for displacements (k, n, 6) mm and rad of the tool.
@@ -139,7 +140,7 @@ class Projection:
 
         moves (k, n and more, 6): argument of `changes`.
         """
-        if fewer.constants and not fewer.is_possible:
+        if not fewer.is_possible:
             return True
         now = at_controller(rig)
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(now, ()), q)
