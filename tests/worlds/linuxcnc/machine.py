@@ -43,43 +43,49 @@ TASK = milltask
 CYCLE_TIME = 0.010
 [TRAJ]
 COORDINATES = X Y Z A B C
-LINEAR_UNITS = mm
+LINEAR_UNITS = {unit}
 ANGULAR_UNITS = deg
-MAX_LINEAR_VELOCITY = 1000
-DEFAULT_LINEAR_VELOCITY = 50
-MAX_LINEAR_ACCELERATION = 2000
-DEFAULT_LINEAR_ACCELERATION = 2000
+MAX_LINEAR_VELOCITY = {fastest}
+DEFAULT_LINEAR_VELOCITY = {usual}
+MAX_LINEAR_ACCELERATION = {acceleration}
+DEFAULT_LINEAR_ACCELERATION = {acceleration}
 [EMCIO]
 EMCIO = io
 CYCLE_TIME = 0.1
 TOOL_TABLE = cell.tbl
 """
-_AXIS = "[AXIS_{0}]\nMAX_VELOCITY = {1}\nMAX_ACCELERATION = 2000\nMIN_LIMIT = -3000\nMAX_LIMIT = 3000\n"
+_AXIS = "[AXIS_{0}]\nMAX_VELOCITY = {1}\nMAX_ACCELERATION = {2}\nMIN_LIMIT = -{3}\nMAX_LIMIT = {3}\n"
 _JOINT = (
     "[JOINT_{0}]\nTYPE = ANGULAR\nMAX_VELOCITY = 120\nMAX_ACCELERATION = 1000\nMIN_LIMIT = {3}\nMAX_LIMIT = {4}\n"
     "HOME_OFFSET = {1:.6f}\nHOME = {2}\nHOME_SEQUENCE = 0\n"
 )
+_MM = {"mm": 1.0, "inch": 25.4}
 PANEL_PORT = 5490
 
 
-def write_configuration(directory: Path, home_deg: Array = HOME_DEG, extra: tuple[str, ...] = ()) -> Path:
+def write_configuration(
+    directory: Path, home_deg: Array = HOME_DEG, extra: tuple[str, ...] = (), unit: str = "mm"
+) -> Path:
     """Write the INI file, the HAL file with the nominal arm and the sampler of the motors. Return the INI file.
 
-    extra: further HAL files, which are in the directory.
+    extra: further HAL files, which are in the directory. unit: of all lengths of the machine, mm or inch.
     """
+    mm = _MM[unit]
     panel = directory / "panel.py"
     shutil.copy(Path(__file__).with_name("panel.py"), panel)
     panel.chmod(0o755)
     files = "\n".join(f"HALFILE = {name}" for name in extra)
-    text = _INI.format(files=files, panel=panel)
-    text += "".join(_AXIS.format(letter, 1000 if letter in "XYZ" else 120) for letter in "XYZABC")
+    lengths = {"fastest": 1000 / mm, "usual": 50 / mm, "acceleration": 2000 / mm}
+    text = _INI.format(files=files, panel=panel, unit=unit, **lengths)
+    text += "".join(_AXIS.format(letter, 1000 / mm, 2000 / mm, 3000 / mm) for letter in "XYZ")
+    text += "".join(_AXIS.format(letter, 120, 2000, 3000) for letter in "ABC")
     for joint, (offset, start) in enumerate(zip(home_deg, _START_DEG, strict=True)):
         # Ends of queued moves are solved from the present posture, so the last joint needs a turn more.
         reach = 800 if joint == 5 else 300
         text += _JOINT.format(joint, offset, start, -reach, reach)
-    pins = [f"setp genserkins.A-{k} {value!r}" for k, value in enumerate(A_MM.tolist())]
+    pins = [f"setp genserkins.A-{k} {value!r}" for k, value in enumerate((A_MM / mm).tolist())]
     pins += [f"setp genserkins.ALPHA-{k} {value!r}" for k, value in enumerate(np.radians(ALPHA_DEG).tolist())]
-    pins += [f"setp genserkins.D-{k} {value!r}" for k, value in enumerate(D_MM.tolist())]
+    pins += [f"setp genserkins.D-{k} {value!r}" for k, value in enumerate((D_MM / mm).tolist())]
     pins.append("net kinematics motion.analog-out-03 => motion.switchkins-type")
     (directory / "arm.hal").write_text("\n".join([*pins, ""]))
     (directory / "cell.tbl").write_text("")

@@ -1,6 +1,6 @@
 """The person at a cell on LinuxCNC: follows the requests of `rig session`, and enters the values of its correction.
 
-    python -m tests.worlds.linuxcnc.person DIRECTORY USER [FAULTS.yaml] [-- OPTIONS OF rig session]
+    python -m tests.worlds.linuxcnc.person [--inch] DIRECTORY USER [FAULTS.yaml] [-- OPTIONS OF rig session]
 
 rig is used as a person uses it: by its commands and its screen. The error of the arm before and after is that of the
 cell (`cell.py`), which rig does not see.
@@ -44,6 +44,7 @@ class Person:
     directory: Path
     user: str
     faults: Path
+    unit: str = "mm"
     controller: machine.Controller | None = None
     home_deg: np.ndarray[Any, Any] = field(default_factory=HOME_DEG.copy)
     files: tuple[str, ...] = ("rig.hal",)
@@ -95,7 +96,7 @@ class Person:
 
     def start_controller(self) -> None:
         """Write the configuration with the present values, and start LinuxCNC."""
-        ini = machine.write_configuration(self.directory / "machine", self.home_deg, self.files)
+        ini = machine.write_configuration(self.directory / "machine", self.home_deg, self.files, self.unit)
         self.controller = machine.Controller(ini, self.user)
 
     def ask(self, **request: Any) -> dict[str, Any]:
@@ -167,10 +168,10 @@ def _rig(*arguments: object) -> int:
     return subprocess.run([*_RIG, *map(str, arguments)], stdin=subprocess.DEVNULL, check=False).returncode
 
 
-def main(directory: Path, user: str, faults: Path = FAULTS, options: Sequence[str] = ()) -> int:
+def main(directory: Path, user: str, faults: Path = FAULTS, options: Sequence[str] = (), unit: str = "mm") -> int:
     """Run a session to the end and print the error before and after. Return 0 if it fell to a tenth."""
     directory.mkdir(parents=True, exist_ok=True)
-    person = Person(directory.resolve(), user, faults.resolve())
+    person = Person(directory.resolve(), user, faults.resolve(), unit)
     arm = person.prepare()
     try:
         code = person.follow(options)
@@ -201,5 +202,7 @@ def report(errors: list[dict[str, Any]], file: Path) -> int:
 
 if __name__ == "__main__":
     words = sys.argv[1:]
+    unit = "inch" if words[0] == "--inch" else "mm"
+    words = words[unit == "inch" :]
     cut = words.index("--") if "--" in words else len(words)
-    sys.exit(main(Path(words[0]), words[1], *map(Path, words[2:cut]), options=words[cut + 1 :]))
+    sys.exit(main(Path(words[0]), words[1], *map(Path, words[2:cut]), options=words[cut + 1 :], unit=unit))
