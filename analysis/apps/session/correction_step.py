@@ -22,7 +22,15 @@ from analysis.apps.makers.motion_plan import Arc
 from analysis.apps.programs.compensated import ahead_of_plays, compensated, targets_of
 from analysis.apps.report.texts import joined, texts_of
 from analysis.apps.session.session_plan import FIXED, SessionProgram, programs_by_step, programs_for, stage_rig
-from analysis.apps.session.session_state import MAIN, ProgramStep, Session, SessionCorrection, Stage, Way
+from analysis.apps.session.session_state import (
+    CORRECTIONS_FILE,
+    MAIN,
+    ProgramStep,
+    Session,
+    SessionCorrection,
+    Stage,
+    Way,
+)
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected, Work
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
@@ -44,7 +52,6 @@ from rigs.schema.vocabulary import DrivenTest
 from rigs.yaml_text import read_yaml
 
 CORRECTIONS = "corrections"
-_FILE = "corrections.yaml"
 _ARC_DEG = 5.0
 """Arc length of programs with corrected targets. On an arc the controller turns the tool at a constant rate. The
 angular effect of a wave with eight periods per lap therefore keeps a residual of 6 %, compared with 55 % at 15°
@@ -164,12 +171,12 @@ def _correction(
 
 
 def entries_file(directory: Path) -> Path:
-    return directory / _FILE
+    return directory / CORRECTIONS_FILE
 
 
 def reading_deg(directory: Path) -> tuple[float, ...]:
     """Offsets of the joint readings (6,) in degrees by the entered values of a correction."""
-    data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
+    data = read_yaml((directory / CORRECTIONS_FILE).read_text(encoding="utf-8"), str(directory / CORRECTIONS_FILE))[1]
     added_deg = [0.0] * 6
     for entry in data["controller"]["entries"]:
         added_deg[entry["axis"] - 1] += entry["reading_deg"]

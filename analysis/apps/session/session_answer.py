@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table
 from analysis.apps.report.diagnosis_answer import summary_blocks
-from analysis.apps.report.page.accuracy import BeforeAfter, now_sentence, path_blocks
+from analysis.apps.report.page.accuracy import BeforeAfter, now_sentence, own_program_blocks, path_blocks
 from analysis.apps.report.texts import texts_of
 from analysis.apps.session.next_step import Drive, Following
 from analysis.apps.session.session_plan import SessionPace, minutes_of
@@ -96,8 +96,7 @@ def end_blocks(session: Session, directory: Path) -> list[Block]:
         blocks += [Sentence(_TEXTS(f"after_cause_{after.way}"), "note")] if after and after.driven else []
     if session.instead and after:
         blocks += [Sentence(_TEXTS("instead_of_correction")), *map(Sentence, session.instead)]
-    if after and after.own_programs:
-        blocks += [Sentence(_TEXTS("arm_unchanged")), Command(after.own_programs)]
+    blocks += own_program_blocks(after, _TEXTS) if after else []
     if answer and answer.level != 1:
         level = f"--level {max(answer.level, 0.01):.2g}"
         blocks += [Sentence(_TEXTS("session_further_tests")),

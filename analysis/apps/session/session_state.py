@@ -35,6 +35,8 @@ _MOST_MINUTES = 10_000.0
 """One week; a session takes at most a day."""
 MOST_TRIES = 3
 
+CORRECTIONS_FILE = "corrections.yaml"
+"""File of `rig correct` in the directory of the corrections."""
 MAIN: DrivenTest = CIRCLES[0]
 """Test for finding errors and for verifying the correction."""
 ELSEWHERE = "other"
@@ -321,11 +323,18 @@ class Session(Part):
 
 
 def own_programs(session: Session, directory: Path) -> str:
-    """Command that corrects other programs of the user; empty if a correction is not recommended."""
+    """Command for other programs of the user; empty if a correction is not recommended.
+
+    Entered values correct computed points in every program, so only taught points are left to convert.
+    """
     if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
     model = SessionDirectory(directory).model_of(session.answer)
-    return f"rig correct {as_argument(model)} --program FILE --points computed -o DIR"
+    if session.correction and session.correction.way == "entries":
+        points = f"taught --since {as_argument(directory / session.correction.directory / CORRECTIONS_FILE)}"
+    else:
+        points = "computed"
+    return f"rig correct {as_argument(model)} --program FILE --points {points} -o DIR"
 
 
 class SessionDirectory:

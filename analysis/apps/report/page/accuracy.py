@@ -112,7 +112,7 @@ class BeforeAfter:
     joined: int = 0
     """Number of runs that joined."""
     own_programs: str = ""
-    """Command that corrects programs of the user."""
+    """Command that corrects programs of the user, or converts those with taught points after values were entered."""
     verdict: PageVerdict | None = None
     summary: Summary | None = None
     """Headline and tiles for the corrected robot; None for those of the diagnosis."""
@@ -142,13 +142,15 @@ def now_sentence(after: BeforeAfter, texts: Texts) -> str:
 
 
 def now_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
-    own = texts(f"your_programs_{after.way}") if after.own_programs else ""
-    unchanged = Sentence(joined([texts("arm_unchanged"), own]))
-    blocks: list[Block] = [Sentence(now_sentence(after, texts), "strong"), unchanged]
-    blocks += [Command(after.own_programs)] if own else []
+    blocks: list[Block] = [Sentence(now_sentence(after, texts), "strong"), *own_program_blocks(after, texts)]
     if after.verdict and after.verdict.judged:
         blocks.append(verdict_blocks(after.verdict, texts, texts("corrected_now")))
     return blocks
+
+
+def own_program_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
+    """What to do with other programs of the user after a correction, with the command."""
+    return [Sentence(texts(f"your_programs_{after.way}")), Command(after.own_programs)] if after.own_programs else []
 
 
 def path_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:

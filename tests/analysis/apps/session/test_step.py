@@ -22,6 +22,7 @@ from analysis.apps.session.session_state import (
     Stage,
     Try,
     VerifiedError,
+    own_programs,
 )
 from analysis.correction.deviation import Deviation
 from rigs.errors import CellError
@@ -226,3 +227,11 @@ def test_skipped_steps_are_reopened_while_the_ball_is_in_place(stage, at_start, 
         conductor.stage = stage
         conductor._store_answer(NAMED.model_copy(update={"runs": 5, "acts": (GROUP,)}))
     assert bool(conductor.session.steps[5].skipped) == (stage == "other")
+
+
+@pytest.mark.parametrize(("correction", "points"), [(BY_PROGRAMS, "computed"), (BY_ENTRIES, "taught --since")])
+def test_own_programs_are_corrected_or_after_entries_converted(correction, points, at_start, tmp_path):
+    correction = correction.model_copy(update={"directory": "corrections"})
+    command = own_programs(known(at_start).model_copy(update={"correction": correction}), tmp_path)
+    assert f"--points {points}" in command
+    assert (str(tmp_path / "corrections" / "corrections.yaml") in command) == (correction.way == "entries")
