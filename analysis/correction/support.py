@@ -124,7 +124,7 @@ def reason_against_model(rig: Rig) -> str:
 
 
 def reason_to_measure_first(rig: Rig) -> str:
-    """Why the gain of a model that may be used for a correction is not shown yet; empty if it is."""
+    """Explain why the diagnosis asks for more readings before its model corrects the arm; empty if it does not."""
     judged = rig.calibrated.judged if rig.calibrated else None
     if judged is None or not judged.measure_first:
         return ""

@@ -1,4 +1,4 @@
-"""The arm of a backup beside the arm of a rig file."""
+"""Comparison of the arm in a backup with the arm of a rig file."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from rigs.schema.robot import Robot
 
 _SAME_MM = 5.0
-"""Difference of lengths of the same type of arm: several times the largest one between nine delivered arms and their
-data sheet (docs/evidence/real-arms.md). Types of a maker differ by 20 mm and more."""
+"""Largest difference in mm between the lengths of arms of the same type. Chosen: far above the rounding of a data sheet
+and the tolerances of a casting, and below the steps between the types of a maker, mostly 20 mm and more."""
 
 
 def other_lengths(name: str, lengths_mm: Mapping[int, float], robot: Robot) -> str:

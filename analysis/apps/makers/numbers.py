@@ -10,8 +10,7 @@ import numpy as np
 
 from analysis.apps.makers.program_text import fixed
 from analysis.apps.makers.target import Form, Number, Target
-from analysis.robot.kinematics.arm import Array, roll_pitch_yaw, transform
-from rigs.schema.robot import Pose
+from analysis.robot.kinematics.arm import Array, roll_pitch_yaw, transforms
 
 _M_MM = 1e3
 _MM_OF_INCHES = np.array([25.4, 25.4, 25.4, 1.0, 1.0, 1.0])
@@ -41,9 +40,9 @@ def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
         return frame_of("roll_pitch_yaw", np.asarray(values) * _MM_OF_INCHES)
     values = np.asarray(values, dtype=float)
     if form == "roll_pitch_yaw":
-        return transform(Pose(xyz_mm=tuple(values[:3]), rpy_deg=tuple(values[3:])))
+        return transforms(values)
     if form == "yaw_pitch_roll":
-        return transform(Pose(xyz_mm=tuple(values[:3]), rpy_deg=tuple(values[:2:-1])))
+        return transforms(np.concatenate([values[:3], values[:2:-1]]))
     T = np.eye(4)
     if form == "quaternion":
         T[:3, :3] = Rotation.from_quat(values[3:], scalar_first=True).as_matrix()

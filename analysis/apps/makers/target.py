@@ -76,8 +76,8 @@ class Target:
 
     @property
     def is_reference(self) -> bool:
-        """True for joint angles that belong to the arm and not to the work: the position of its home, its marks or its
-        encoders."""
+        """True if the target is a reference posture of the arm, such as home or a calibration mark, and not a point of
+        the work. The joint angles must stay as they are."""
         if not self.joints:
             return False
         words = [word for name in (self.name, self.remark) for word in _WORD.findall(name)]
@@ -87,8 +87,8 @@ class Target:
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 """A word of a name: XHOME, jHomePos, sync_pos_2."""
 _REFERENCE = re.compile(r"[xpjq]?(?:home|sync|calib|master|(?:origin|zero)$)", re.IGNORECASE)
-"""Begins of the words that name a reference position, after the prefix of a dialect for points. Others end with an
-object: original, zeroing."""
+"""Words that name a reference posture, after the prefix that a dialect gives to points. `origin` and `zero` must be the
+whole word, because original and zeroing name points of the work."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from analysis.apps.makers.backup_arm import other_lengths
-from analysis.apps.makers.numbers import frame_of
+from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import Value
 from analysis.apps.makers.program_parser import NUMBER
@@ -21,7 +21,9 @@ _VARIABLE = re.compile(r"^\[\*SYSTEM\*\]\$MNU(TOOL|FRAME)\s[^\n]*\n(.*?)(?=^\[|\
 _ELEMENT = re.compile(
     r"\[1,(\d+)\]\s*=[^\n]*\s+Group:\s*1\b[^\n]*\s+" + r"\s+".join(rf"{axis}:\s*({NUMBER})" for axis in "XYZWPR")
 )
-_LENGTHS = re.compile(r"\$MRR_GRP\[1\]\.\$DH_A\s+ARRAY[^\n]*\n((?:\s*\[\d\]\s*=\s*\S+\s*\n){3})")
+_LENGTHS = re.compile(
+    r"\$MRR_GRP\[1\]\.\$DH_A\s+ARRAY[^\n]*" + "".join(rf"\s+\[{k}\]\s*=\s*({NUMBER})(?!\S)" for k in (1, 2, 3))
+)
 
 
 def frames_in(tables: tuple[tuple[str, str], ...]) -> dict[str, Value]:
@@ -31,7 +33,8 @@ def frames_in(tables: tuple[tuple[str, str], ...]) -> dict[str, Value]:
         for variable in _VARIABLE.finditer(text.replace("\r", "")) if name.lower() == FRAMES else ():
             for element in _ELEMENT.finditer(variable[2]):
                 numbers = [float(number) for number in element.groups()[1:]]
-                found[f"U{variable[1]}[{int(element[1])}]"] = as_value(frame_of("roll_pitch_yaw", numbers))
+                if is_frame("roll_pitch_yaw", numbers):
+                    found[f"U{variable[1]}[{int(element[1])}]"] = as_value(frame_of("roll_pitch_yaw", numbers))
     return found
 
 
@@ -39,6 +42,5 @@ def other_arm(program: ProgramTexts, robot: Robot) -> str:
     """Explain which lengths of the backup differ from those of a robot; empty if they fit."""
     for name, text in program.tables:
         if name.lower() == ARM and (lengths := _LENGTHS.search(text.replace("\r", ""))):
-            numbers = re.findall(r"=\s*(\S+)", lengths[1])
-            return other_lengths(name, {axis: float(mm) for axis, mm in enumerate(numbers, start=2)}, robot)
+            return other_lengths(name, {axis: float(mm) for axis, mm in enumerate(lengths.groups(), start=2)}, robot)
     return ""

@@ -18,7 +18,7 @@ import numpy as np
 from analysis.apps.makers.configuration import agreeing, turns
 from analysis.apps.makers.fanuc.backup import ARM, FRAMES, frames_in, other_arm
 from analysis.apps.makers.fanuc.instructions import INSIDE, NOTHING, OPTIONS, SEARCH, switch_by
-from analysis.apps.makers.numbers import Decimals, frame_of
+from analysis.apps.makers.numbers import Decimals, frame_of, is_frame
 from analysis.apps.makers.points import as_value, is_moved
 from analysis.apps.makers.program_machine import (
     OFF,
@@ -492,7 +492,7 @@ def _register(text: str, why: Unknown) -> Value | ComputedValue:
             return form if isinstance(form, Unknown) else why
         values = tuple(values_of_axes)
         numbers = [float(value) for value in values if isinstance(value, str) and re.fullmatch(NUMBER, value)]
-        if len(numbers) < len(values):
+        if len(numbers) < len(values) or not is_frame("roll_pitch_yaw", numbers):
             return min((value for value in values if isinstance(value, Unknown)), default=why)
         return as_value(frame_of("roll_pitch_yaw", numbers))
 

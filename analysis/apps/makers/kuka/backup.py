@@ -38,10 +38,10 @@ def foot_of(names: Sequence[str], texts: Sequence[str]) -> Place | None:
             is_stated = _is_machine(names[file]) and is_frame("yaw_pitch_roll", values)
             unknown = Unknown(file, line, "$ROBROOT, the foot of the robot in the world, is unknown")
             found[as_value(frame_of("yaw_pitch_roll", values)) if is_stated else unknown] = None
-    unknown_first = sorted(found, key=lambda value: not isinstance(value, Unknown))
-    if len(found) > 1 and not isinstance(unknown_first[0], Unknown):
+    unknown_places = [place for place in found if isinstance(place, Unknown)]
+    if len(found) > 1 and not unknown_places:
         return Unknown(0, 0, "these files state several places of the robot in the world ($ROBROOT)")
-    return unknown_first[0] if found else None
+    return next(iter([*unknown_places, *found]), None)
 
 
 def other_arm(program: ProgramTexts, robot: Robot) -> str:

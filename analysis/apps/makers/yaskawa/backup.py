@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from analysis.apps.makers.numbers import frame_of
+from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import Value
 from analysis.apps.makers.program_parser import NUMBER
@@ -29,8 +29,9 @@ def frames_in(tables: tuple[tuple[str, str], ...]) -> dict[str, Value]:
     found: dict[str, Value] = {}
     for _, text in tables:
         for section in _SECTION.finditer(text.replace("\r", "")):
-            numbers = _NUMBERS[section[1]].search(section[3])
-            if numbers and not _OTHER_ROBOT.search(section[3]):
-                frame = frame_of("roll_pitch_yaw", [float(number) for number in numbers.groups()])
-                found[f"{section[1].replace('UFRAME', 'USER')}[{int(section[2])}]"] = as_value(frame)
+            stated = _NUMBERS[section[1]].search(section[3])
+            numbers = [float(number) for number in stated.groups()] if stated else []
+            if numbers and is_frame("roll_pitch_yaw", numbers) and not _OTHER_ROBOT.search(section[3]):
+                family = section[1].replace("UFRAME", "USER")
+                found[f"{family}[{int(section[2])}]"] = as_value(frame_of("roll_pitch_yaw", numbers))
     return found

@@ -64,7 +64,7 @@ def test_file_is_written_and_each_old_one_is_kept(run, cell):
 
 
 def test_arc_a_turn_away_from_the_limits_is_drivable(tmp_path):
-    """An arc with axis 6 turned back so far that a lap from there would leave its limits: it begins a turn away."""
+    """From the start of this arc axis 6 would leave its limits during a lap; a full turn away it does not."""
     q = around(np.linspace(0, 90, 300))
     q[:, 5] -= 360
     names = ["t_s", *JOINTS, "direction", "g1_mm", "g2_mm"]

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from analysis.apps.makers.fanuc.backup import frames_in as fanuc_frames
 from analysis.apps.makers.target import Number, Target
+from analysis.apps.makers.yaskawa.backup import frames_in as yaskawa_frames
 from tests.analysis.apps.correct.programs.cells import (
     BARE,
     FANUC_TOOL,
@@ -242,10 +244,17 @@ def test_frame_that_a_listing_sets_is_not_that_of_the_backup(tmp_path):
     assert not found.names and {reason for _, reason in left_names(found)} == {"unknown_frame"}
 
 
-@pytest.mark.parametrize(("lengths", "fits"), [((150, 600, 200), True), ((410, 1120, 750), False)])
+@pytest.mark.parametrize(
+    ("lengths", "fits"),
+    [
+        (("1.500000e+02", "6.000000e+02", "2.000000e+02"), True),
+        (("4.100000e+02", "1.120000e+03", "7.500000e+02"), False),
+        (("4.100000e+02", "Uninitialized", "7.500000e+02"), True),
+    ],
+)
 def test_backup_of_another_fanuc_arm_is_refused(lengths, fits, tmp_path):
     rig, files = fanuc_files({"a.ls": BOTH})
-    values = "".join(f"      [{k}] = {mm:e}\r\n" for k, mm in enumerate(lengths, start=1))
+    values = "".join(f"      [{k}] = {text}\r\n" for k, text in enumerate(lengths, start=1))
     files["symotn.va"] = f"     Field: $MRR_GRP[1].$DH_A  ARRAY[9] OF REAL\r\n{values}      [4] = 0.000000e+00\r\n"
     stated = ["1=10,-20,180,0,30,10"], ["3=0"]
     if fits:
@@ -271,3 +280,11 @@ def test_conditions_of_a_yaskawa_backup_replace_stated_tools_and_frames(tool_fil
     assert [*found.files.values()] == [*stated.files.values()]
     other = corrected_files(rig, tmp_path / "backup", files | tables, ["3=0,0,160,0,0,0"], [f"4={numbers}"])
     assert [(one.kind, one.name) for one in other.overruled] == [("tool", "3")]
+
+
+@pytest.mark.parametrize(("number", "is_read"), [("2e5", True), ("1e999", False)])
+def test_frame_of_a_backup_may_be_far_but_not_infinite(number, is_read):
+    yaskawa = (("tool.cnd", f"//TOOL 3\n///NAME\n{number},0,0,0,0,0\n"),)
+    fanuc = (("sysframe.va", system_frames(np.eye(4), np.eye(4)).replace("0.000 ", f"{number} ", 1)),)
+    assert (yaskawa_frames(yaskawa).keys() == {"TOOL[3]"}) is is_read
+    assert ("UFRAME[3]" in fanuc_frames(fanuc)) is is_read and "UTOOL[1]" in fanuc_frames(fanuc)

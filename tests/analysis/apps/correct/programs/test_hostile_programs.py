@@ -79,6 +79,10 @@ def test_other_files_are_refused(name, data, code, tmp_path, cell):
             "a.src",
             "DEF a()\n$BASE={X 1e999, Y 0, Z 0, A 0, B 0, C 0}\nPTP {X 1, Y 2, Z 3, A 0, B 0, C 0, S 2, T 1e9}\n",
         ),
+        (
+            "a.src",
+            "DEF a()\n$BASE={X 2e5, Y 0, Z 0, A 0, B 0, C 0}\nPTP {X 3e5, Y 2, Z 3, A 0, B 0, C 500, S 2, T 1}\n",
+        ),
         ("a.ls", "/MN\n 1:J P[99999999999] 1% FINE ;\n/POS\nP[1]{UF:0,UT:0,CONFIG:'N U T, 999999999, 0, 0',X=1 mm};\n"),
         ("a.jbi", "///POSTYPE BASE\n///RECTAN\nC00000=1e999,nan,,,,\nC1=" + "1," * MANY + "\n//INST\nMOVJ C00000\n"),
     ],
