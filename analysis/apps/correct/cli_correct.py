@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from analysis.apps.correct.correct_rig import Corrections
+    from analysis.apps.correct.stated_frames import Frames
     from analysis.correction.point_origins import PointKind
     from rigs.errors import FileError
 
@@ -166,7 +167,6 @@ def correct(
     from analysis.apps.correct.corrected_program import Programs
     from analysis.apps.correct.stated_frames import frames_of, start_of
     from analysis.apps.correct.stated_points import points_of
-    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
     from analysis.correction.support import require_usable_model
@@ -200,14 +200,7 @@ def correct(
         in_vain = {} if anyway else corrections.in_vain
         corrections = corrections.without(in_vain)
         written = correction_report.write(corrections, directory)
-    if as_json:
-        say_json(correction_report.as_object(corrections, written))
-    else:
-        say_answer(correction_report.answer_of(corrections))
-    named = {name for program in corrections.programs for name in program.named} if corrections.programs else None
-    for doubt in [*filter(None, [rig.controller_doubt]), *stated.doubts(named, rig.length_unit)]:
-        say(f"doubt: {doubt}", err=True)
-    say_written(written)
+    _say_corrections(corrections, stated, written, as_json=as_json)
     why_not = correction_report.why_not(corrections)
     if anyway or not (in_vain or why_not):
         _say_next(rig_file, controller, directory, corrections, settled=bool(path or programs or why_not))
@@ -244,6 +237,22 @@ def _asked_points(programs: Sequence[Path], since: Path | None) -> tuple[PointKi
     dialogue = Dialogue(lambda line: say(line, err=True), progress_of, True, sys.stdin, sys.stderr)
     kind, file = ask_points(dialogue, hints)
     return kind, file or since
+
+
+def _say_corrections(corrections: Corrections, stated: Frames, written: Sequence[Path], *, as_json: bool) -> None:
+    """Print the answer, the doubts about the controller and the stated frames, and the written files."""
+    from analysis.apps.correct import correction_report
+    from analysis.apps.report.blocks import say_answer
+
+    if as_json:
+        say_json(correction_report.as_object(corrections, written))
+    else:
+        say_answer(correction_report.answer_of(corrections))
+    rig, programs = corrections.rig, corrections.programs
+    named = {name for program in programs for name in program.named} if programs else None
+    for doubt in [*filter(None, [rig.controller_doubt]), *stated.doubts(named, rig.length_unit)]:
+        say(f"doubt: {doubt}", err=True)
+    say_written(written)
 
 
 def _say_next(
