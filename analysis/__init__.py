@@ -6,7 +6,7 @@
 
 The names below are the public API (docs/api.md) and are imported on first use. A folder of `analysis` must not share a
 name with a function of the API, because importing the folder would hide the function. The folders form layers, from
-`robot` inside to `cli`, with `apps` outside (docs/decisions/0014). `analysis` uses only three parts of `daq`: those
+`robot` inside to `cli`, with `apps` outside (docs/architecture.md). `analysis` uses only three parts of `daq`: those
 that read runs, talk to a running daemon, and start an emulator.
 """
 
