@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -132,8 +132,10 @@ _REMOVED = {
 }
 """Problem and remedy for commands of the previous version. Each entry stays for one version."""
 
-_HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
-"""Names of the help option of every command."""
+_HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+"""Names of the help option of every command, and the largest width of the help text."""
+_PLAIN_HELP = {"rich_markup_mode": None}
+"""Help without frames. Half of the time of `rig --help` was the layout by rich (import of 130 modules)."""
 _OF_TYPER = ("help", "install_completion", "show_completion")
 """Flags added by typer."""
 
@@ -158,7 +160,10 @@ _OLD_OPTIONS = {
 
 
 class Command(TyperCommand):
-    """Command with plain flags that accepts former names of options."""
+    """Command with plain flags and help that accepts former names of options."""
+
+    def __init__(self, name: str | None, **attributes: Any) -> None:
+        super().__init__(name, **attributes | _PLAIN_HELP)
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_plain_flags(super().get_params(ctx))
@@ -204,7 +209,11 @@ def taking_all(option: str) -> type[Command]:
 
 
 class CommandGroup(TyperGroup):
-    """Group of commands with plain flags. rich respects NO_COLOR; `echo` of typer follows the context instead."""
+    """Group of commands with plain flags and help. rich respects NO_COLOR; `echo` of typer follows the context
+    instead."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes | _PLAIN_HELP)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if os.environ.get("NO_COLOR"):
@@ -213,6 +222,18 @@ class CommandGroup(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_plain_flags(super().get_params(ctx))
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands by purpose. typer lists them in one section and truncates their summaries."""
+        commands = [(name, self.commands[name]) for name in self.list_commands(ctx)]
+        indent = max(len(name) for name, _ in commands)
+        for purpose, listed in groupby(
+            commands, key=lambda row: getattr(row[1], "rich_help_panel", None) or "Commands"
+        ):
+            with formatter.section(purpose):
+                formatter.write_dl(
+                    [(name.ljust(indent), (command.help or "").split("\n\n")[0]) for name, command in listed]
+                )
 
 
 _MALLOC = {-3: 8 << 20, -1: 128 << 20}

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Protocol
 
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import ENTRY_POINTS, TestName
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class StreamReader(Protocol):
 @cache
 def readers() -> tuple[StreamReader, ...]:
     loaded: list[StreamReader] = []
-    for offer in sorted(entry_points(group="rig.readers")):
+    for offer in sorted(ENTRY_POINTS.select(group="rig.readers")):
         try:
             loaded.append(offer.load())
         except Exception as reason:

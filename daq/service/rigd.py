@@ -27,7 +27,10 @@ from rigs.signals import end_from, ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
 app = typer.Typer(
-    add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 log = logging.getLogger("rigd")
 

@@ -3,7 +3,7 @@ import io
 import math
 import time
 import zipfile
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import numpy as np
@@ -116,8 +116,8 @@ def test_a_bag_is_recognised_by_its_first_bytes():
 
 
 def test_an_unusable_reader_is_named_with_its_remedy(monkeypatch):
-    offers = [EntryPoint("half_made", "nowhere.at_all", "rig.readers")]
-    monkeypatch.setattr(readers, "entry_points", lambda group: offers)
+    offers = EntryPoints([EntryPoint("half_made", "nowhere.at_all", "rig.readers")])
+    monkeypatch.setattr(readers, "ENTRY_POINTS", offers)
     with pytest.raises(FileError) as error:
         readers.reader_of(b"t_s")
     (line,) = error.value.lines()
