@@ -30,10 +30,10 @@ from importlib.resources import files
 assert all((files(package) / "py.typed").is_file() for package in ("rigs", "daq", "analysis"))
 """
 PARTS = """
-import distributed, s3fs, sshfs
+import distributed, rosbags.typesys, s3fs, sshfs
 import analysis.apps.window.serve, daq.opc_ua.robotics
 """
-"""Program that uses the extras without a network: cluster, remote, web, opcua."""
+"""Program that uses the extras without a network: cluster, remote, ros, web, opcua."""
 
 
 @dataclass(frozen=True)

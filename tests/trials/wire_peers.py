@@ -261,12 +261,6 @@ PEERS = (
     Peer("abb_robot_client with egm.proto", ("abb_egm",), "host and emulator", abb_egm),
     Peer("roslibpy", ("ros2_joint_states",), "the emulator", roslibpy),
     Peer("websockets", ("ros2_joint_states",), "the host", _tested("tests/daq/protocol/test_joint_states.py")),
-    Peer(
-        "rosbags",
-        ("ros2_joint_states",),
-        "the import of a bag",
-        _tested("tests/analysis/apps/interchange/test_ros_bag.py"),
-    ),
     Peer("node-opcua, OPC 40010's nodeset", ("opc_ua_robotics",), "the host", node_opcua),
     Peer("asyncua's server", ("opc_ua_robotics",), "the host, with the same codec", _tested(OPC_UA_TESTS)),
     Peer("pymodbus", ("modbus_map",), "host and emulator", _tested("tests/daq/protocol/test_modbus_interop.py")),

@@ -2,22 +2,21 @@
 
 MCAP records are read in sequence: the index may list a chunk any number of times (a file of 220 kB claimed 22 GB). An
 SQLite database has no checksums, and can contain views and triggers with endless computations, so only plain tables are
-read, with a limited number of steps. Messages are decoded from CDR by their fixed layout.
-
-Sources: OMG DDSI-RTPS 2.3, 10 (CDR), and ros2/common_interfaces, sensor_msgs, geometry_msgs and std_msgs.
+read, with a limited number of steps. rosbags decodes the messages. Its reader of files is not used, because it drops
+the send time of a message and unpacks a chunk as often as the index lists it.
 """
 
 from __future__ import annotations
 
 import io
 import sqlite3
-import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache
+from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -25,7 +24,8 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, DataEnd, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
-from rigs.errors import FileError
+from rigs.distribution import to_install
+from rigs.errors import CellError, FileError
 from rigs.files import out_of_memory
 from rigs.text import as_argument
 
@@ -207,87 +207,54 @@ def messages_of(bag: Bag) -> Iterator[BagMessage]:
 
 
 JOINT_STATE, NUMBER, TF = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "tf2_msgs/msg/TFMessage"
+PLACED = {
+    "geometry_msgs/msg/PointStamped": ("point",),
+    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
+    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
+    TF: ("transform.translation", "transform.rotation"),
+}
+"""Fields with the position in m, and the quaternion if any, by message type. Except for TF, a topic describes a single
+object."""
 NO_STAMP = 0
 
 
-class Cdr:
-    """A serialised message: an encapsulation header of four bytes, then fields aligned to their size.
+@cache
+def message_decoder() -> Callable[[bytes, str], Any]:
+    """Decoder of rosbags, which checks each length in a message before it allocates anything."""
+    try:
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra of the package
+    except ModuleNotFoundError as error:
+        problem = f"a bag of ROS 2 needs the Python package {error.name}, which is missing"
+        raise CellError("import", problem, to_install("rosbags"), code="package.missing") from None
+    decode: Callable[[bytes, str], Any] = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+    return decode
 
-    Reading beyond the end raises struct.error or IndexError.
-    """
 
-    def __init__(self, data: bytes) -> None:
-        self._body = data[4:]
-        self._order = "<" if data[1] & 1 else ">"
-        self._at = 0
+def decoded(data: bytes, kind: str) -> Any:
+    """A message with the fields of its ROS type; None if the data is no such message."""
+    decode = message_decoder()
+    try:
+        return decode(data, kind)
+    except Exception:  # noqa: BLE001 - of a damaged message, whatever the decoder raises
+        return None
 
-    def take(self, code: str, count: int = 1) -> tuple[float, ...]:
-        size = struct.calcsize(code)
-        self._at += -self._at % size if count else 0
-        values = struct.unpack_from(f"{self._order}{count}{code}", self._body, self._at)
-        self._at += size * count
-        return values
 
-    def count(self) -> int:
-        return min(int(self.take("I")[0]), len(self._body))
-
-    def text(self) -> str:
-        size = self.count()
-        (encoded,) = struct.unpack_from(f"{size}s", self._body, self._at)
-        self._at += size
-        return str(encoded.rstrip(b"\0"), "utf-8", "replace")
-
-    def header(self) -> int:
-        """Read a header: the stamp in ns, or 0 if there is none."""
-        seconds, nanoseconds = (int(part) for part in self.take("I", 2))
-        self.text()
-        return seconds * 10**9 + nanoseconds
+def stamp_ns(message: Any) -> int:
+    """Timestamp of the header since 1970; 0 if there is none."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def joint_state(data: bytes) -> tuple[int, dict[str, float]]:
-    """Stamp in ns, and angles in rad by joint; none if the message is truncated."""
-    try:
-        message = Cdr(data)
-        stamp_ns = message.header()
-        names = [message.text() for _ in range(message.count())]
-        return stamp_ns, dict(zip(names, message.take("d", message.count()), strict=False))
-    except (struct.error, IndexError):
+    """Stamp in ns, and angles in rad by joint; none if the message is damaged."""
+    message = decoded(data, JOINT_STATE)
+    if message is None:
         return NO_STAMP, {}
+    return stamp_ns(message), dict(zip(message.name, message.position.tolist(), strict=False))
 
 
-def number(data: bytes) -> float:
-    return float(Cdr(data).take("d")[0])
-
-
-class Placed(NamedTuple):
-    """A position in m, and an orientation as a quaternion x, y, z, w, possibly empty."""
-
-    stamp_ns: int
-    child: str
-    place_m: tuple[float, ...]
-    turn: tuple[float, ...]
-
-
-def _placed(data: bytes, *, turn: int = 4, child: bool = False) -> Iterator[Placed]:
-    """Decode a position with an orientation of `turn` numbers. child: the message names the frame."""
-    message = Cdr(data)
-    stamp_ns = message.header()
-    if child:
-        message.text()
-    yield Placed(stamp_ns, "", message.take("d", 3), message.take("d", turn))
-
-
-def _transforms(data: bytes) -> Iterator[Placed]:
-    message = Cdr(data)
-    for _ in range(message.count()):
-        yield Placed(message.header(), message.text(), message.take("d", 3), message.take("d", 4))
-
-
-PLACED: Mapping[str, Callable[[bytes], Iterator[Placed]]] = {
-    "geometry_msgs/msg/PointStamped": partial(_placed, turn=0),
-    "geometry_msgs/msg/PoseStamped": _placed,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _placed,
-    "geometry_msgs/msg/TransformStamped": partial(_placed, child=True),
-    TF: _transforms,
-}
-"""Decoders of positions by message type. Except for TF, a topic describes a single object."""
+def numbers(message: Any, field: str) -> list[float]:
+    """Coordinates of a point, vector or quaternion in a message: x, y, z, then w if any."""
+    value = attrgetter(field)(message)
+    return [float(getattr(value, name)) for name in "xyzw" if hasattr(value, name)]

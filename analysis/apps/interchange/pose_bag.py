@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
@@ -21,8 +20,11 @@ from analysis.apps.interchange.bags import (
     TF,
     BagMessage,
     bag_of,
+    decoded,
     joint_state,
     messages_of,
+    numbers,
+    stamp_ns,
 )
 from analysis.apps.interchange.ros_bag import Track, newest, uneven_header
 from analysis.intake.readers import StandTable
@@ -120,21 +122,22 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
         raise FileError(where, problem, "name the six joints in the rig file", code="table.invalid")
     joints, placed = Track(), dict[str, Track]()
     for message in states:
-        stamp_ns, angles = joint_state(message.data)
-        joints.add(message.log_ns, stamp_ns, [angles[name] for name in names if set(names) <= angles.keys()])
+        sent_ns, angles = joint_state(message.data)
+        joints.add(message.log_ns, sent_ns, [angles[name] for name in names if set(names) <= angles.keys()])
     for message in messages:
         if message.kind not in PLACED:
             continue
-        name = message.topic
-        try:
-            for thing in PLACED[message.kind](message.data):
-                name = f"{message.topic}:{thing.child}" if message.kind == TF else message.topic
-                if len(name) <= _LONGEST_NAME:
-                    track = placed.setdefault(name, Track())
-                    is_turn = not thing.turn or abs(math.hypot(*thing.turn) - 1) < _UNIT_WITHIN
-                    track.add(message.log_ns, thing.stamp_ns, (*thing.place_m, *thing.turn) if is_turn else ())
-        except (struct.error, IndexError):
-            placed.setdefault(name, Track()).lacking += 1
+        found = decoded(message.data, message.kind)
+        if found is None:
+            placed.setdefault(message.topic, Track()).lacking += 1
+            continue
+        for one in found.transforms if message.kind == TF else [found]:
+            name = f"{message.topic}:{one.child_frame_id}" if message.kind == TF else message.topic
+            if len(name) <= _LONGEST_NAME:
+                place, *turns = (numbers(one, field) for field in PLACED[message.kind])
+                is_turn = not turns or abs(math.hypot(*turns[0]) - 1) < _UNIT_WITHIN
+                values = [*place, *(turns[0] if turns else [])] if is_turn else []
+                placed.setdefault(name, Track()).add(message.log_ns, stamp_ns(one), values)
     if len(joints.log_ns) < 2:
         problem = f"contains fewer than two messages of {topic} with the joints {', '.join(names)}"
         raise FileError(

@@ -8,7 +8,6 @@ stamps of the sender, or by the pace of its messages. Irregular reception contri
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.interchange.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
+from analysis.apps.interchange.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, decoded, joint_state, messages_of
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.align import align
 from analysis.runs.clocks import Columns
@@ -173,11 +172,15 @@ def _read(bag: Bag, rig: Rig) -> dict[str, Track]:
 
     def angles_deg(data: bytes) -> Message:
         stamp_ns, angles = joint_state(data)
-        return stamp_ns, [math.degrees(angles[name]) for name in names]
+        return stamp_ns, [math.degrees(angles[name]) for name in names if set(names) <= angles.keys()]
+
+    def reading_mm(data: bytes) -> Message:
+        message = decoded(data, NUMBER)
+        return NO_STAMP, [] if message is None else [message.data]
 
     decoders: dict[str, tuple[str, Callable[[bytes], Message]]] = {
         "/" + rig.feedback.topic.lstrip("/"): (JOINT_STATE, angles_deg),
-        **{f"/{name}": (NUMBER, lambda data: (NO_STAMP, [number(data)])) for name, _ in rig.gauges},
+        **{f"/{name}": (NUMBER, reading_mm) for name, _ in rig.gauges},
     }
     tracks = {topic: Track() for topic in decoders}
     kinds: dict[str, str] = {}
@@ -186,10 +189,7 @@ def _read(bag: Bag, rig: Rig) -> dict[str, Track]:
         if message.topic not in tracks or message.kind != decoders[message.topic][0]:
             continue
         track = tracks[message.topic]
-        try:
-            stamp_ns, values = decoders[message.topic][1](message.data)
-        except (struct.error, LookupError):  # truncated, or a joint is missing
-            stamp_ns, values = NO_STAMP, []
+        stamp_ns, values = decoders[message.topic][1](message.data)
         sent_ns = NO_STAMP if message.sent_ns == message.log_ns else message.sent_ns
         track.add(message.log_ns, stamp_ns or sent_ns, values)
         if len(track.log_ns) > _MOST_MESSAGES:

@@ -1,8 +1,9 @@
-"""A bag of ROS 2 as a table: messages as CDR has them, and a bag of the rosbags library as a peer."""
+"""A bag of ROS 2 as a table, with messages that are encoded by hand."""
 
 import csv
 import io
 import struct
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,8 @@ from mcap.writer import CompressionType, Writer
 
 from analysis.apps.interchange import bags
 from analysis.apps.interchange.ros_bag import table_of_bag
-from rigs.errors import FileError
+from rigs.distribution import to_install
+from rigs.errors import CellError, FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from tests.support.bags import BEGIN_NS, JOINTS, NUMBER, STATE, bag, joint_state, number, rig
@@ -111,6 +113,24 @@ def test_bag_of_a_killed_recorder_names_the_repair():
 def test_rig_without_ros_names_the_missing_key():
     with refused("table.invalid", "file does not name the joints"):
         read(bag(*WHOLE), parse((SHIPPED / "ur10e-cell.yaml").read_text(), "ur10e.yaml"))
+
+
+def test_missing_library_names_the_package(monkeypatch):
+    bags.message_decoder.cache_clear()
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    with pytest.raises(CellError) as error:
+        read(bag(*WHOLE))
+    assert error.value.remedy == to_install("rosbags")
+
+
+@pytest.mark.parametrize("length", [0x7FFFFFFF, 0xFFFFFFFC])
+@pytest.mark.parametrize("at", [12, 24])
+def test_message_with_an_impossible_length_is_counted_without_allocating_it(at, length):
+    """Lengths of the frame name and of the list of joints."""
+    message = joint_state(JOINTS, [0.0] * 6)
+    changed = message[:at] + struct.pack("<I", length) + message[at + 4 :]
+    _, rows, doubts = read(bag(*WHOLE, ("/joint_states", STATE, 1200, changed)))
+    assert len(rows) == 45 and "/joint_states: 1 of 101 messages" in doubts[0]
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
