@@ -112,8 +112,9 @@ class ModelAssessment(Part):
     """By which the model of all other poses misses each neighbourhood of similar poses, without another validation."""
 
     measure_first: bool = Field(default=False, exclude_if=lambda value: not value)
-    """The diagnosis asks for more readings before a correction, because no reading without a part in the fit shows its
-    gain."""
+    """The diagnosis asks for other readings before a correction."""
+    measure_why: Annotated[str, Field(max_length=40)] = Field(default="", exclude_if=lambda value: not value)
+    """Reason of this act (docs/diagnosis-json.md). Empty in files of earlier versions, whose reason is `elsewhere`."""
 
     @property
     def gained(self) -> float:

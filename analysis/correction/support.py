@@ -128,10 +128,19 @@ def reason_to_measure_first(rig: Rig) -> str:
     judged = rig.calibrated.judged if rig.calibrated else None
     if judged is None or not judged.measure_first:
         return ""
-    left_out = "no reading was left out of the fit to show its error"
-    if judged.left_out_um is not None:
-        left_out = f"it misses left-out readings by {judged.left_out_um:.0f} µm rms, and they are few"
-    return f"the calibration asks for more readings before the model is used: {left_out}"
+    why = _WHY_FIRST.get(judged.measure_why, "no reading was left out of the fit to show its error")
+    if judged.measure_why not in _WHY_FIRST and judged.left_out_um is not None:
+        why = f"it misses left-out readings by {judged.left_out_um:.0f} µm rms, and they are few"
+    return f"the calibration asks for more readings before the model is used: {why}"
+
+
+_WHY_FIRST = {
+    "few_runs": "they do not show whether a part is faulty",
+    "revisit": "no place was measured twice, so its error and the scatter cannot be separated",
+    "commanded": "the joint angles are only commanded, and the arm may not have reached them",
+    "early": "the joints were read before they came to rest",
+}
+"""Explanations of `measure_why`; without one, the left-out readings are the reason."""
 
 
 def require_usable_model(rig: Rig, rig_file: str, *, anyway: bool) -> None:

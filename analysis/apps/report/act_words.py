@@ -161,7 +161,7 @@ class ActWords(AnswerWords):
         sentence = self.texts(
             falls if act.removes else f"act_{key}", before=micrometres(before),
             after=f"{self.error_size(act.remains_um, act.remains_u_um)} µm",
-            place=self.texts(f"place_{act.place}"),
+            place=self.texts(f"place_{'left_out' if self._is_left_out(act) else act.place}"),
         )  # fmt: skip
         if act.with_before_um is not None:
             after = f"{self.error_size(act.with_before_um, act.with_before_u_um)} µm"
@@ -174,6 +174,10 @@ class ActWords(AnswerWords):
         is_uncovered = 0 < len(others) < len(lines)
         uncovered = "; ".join(self.describe_parts_alone(others))
         return joined([self.texts("act_uncovers", others=uncovered) if is_uncovered else "", sentence])
+
+    def _is_left_out(self, act: Act) -> bool:
+        """True if the error after a correction is that of readings left out, each predicted from the others."""
+        return act.kind == "load" and act.place == "used" and self.diagnosis.accuracy.left_out_um is not None
 
     def against(self, act: Act) -> str:
         named = next((named for named in self.diagnosis.effects if named.effect == act.effect), None)

@@ -373,31 +373,28 @@ class _SummaryWords(ActWords):
         """
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         gap = diagnosis.train if diagnosis.condition == "out_of_range" else judged_gap(diagnosis)
-        crossed, is_used = diagnosis.residual.held_out, accuracy.place == "used"
         now_um, after_um, after_u_um = accuracy.before_there_um, accuracy.calibrated_um, gap.residual_u_um
         label, basis, correction = self._after_label, f"basis_{accuracy.place}", self._correction_alone
         if correction:
             after_um, after_u_um = correction.residual_um, correction.remains_u_um or 0.0
         if not diagnosis.is_testable:
             label, basis = "", "basis_unknown"
-        elif is_used and is_complete(diagnosis):
+        elif accuracy.place == "used" and is_complete(diagnosis):
             label, basis = "", "basis_now"
         elif diagnosis.condition == "out_of_range":
             now_um, after_um, after_u_um = accuracy.now_um, gap.after_um, gap.residual_u_um
             basis = "basis_out_of_range"
-        elif is_used and crossed:
-            basis = "basis_crossed"
-        judged = diagnosis.calibrated.judged if diagnosis.calibrated else None
-        if basis == "basis_used" and judged and judged.left_out_um is not None:
-            after_um, basis = max(after_um, judged.left_out_um), "basis_left_out"
+        elif accuracy.left_out_um is not None:
+            basis = "basis_left_out"
+            after_um, after_u_um = max((after_um, after_u_um), (accuracy.left_out_um, accuracy.left_out_u_um or 0.0))
         now, after = self.error_size(now_um, gap.u_um), self.error_size(after_um, after_u_um)
         # An error that the acts do not certainly reduce is not shown as one after them.
         is_same = after.partition(" ± ")[0] == now.partition(" ± ")[0]
         if not label or is_same or after_um + measured_u(diagnosis, after_u_um) >= now_um:
             after = ""
-        is_split = after and basis in (f"basis_{accuracy.place}", "basis_crossed") and not correction
+        is_split = after and basis == f"basis_{accuracy.place}" and not correction
         notes = [
-            texts(basis, um=micrometres(crossed.um) if crossed else ""),
+            texts(basis),
             self._each_by_itself if is_split else "",
             texts("basis_moved") if diagnosis.movements else "",
         ]

@@ -61,7 +61,8 @@ class JudgedPlace:
     """Effects of the calibrated model."""
     gap: Gap
     predicted_um: float | None = None
-    """Error at poses used, each predicted by the others."""
+    """Error at poses used, each predicted by the others, ± `predicted_u_um`."""
+    predicted_u_um: float = 0.0
     is_validated: bool = False
     """True if these poses are enough to validate the model."""
 
@@ -320,9 +321,13 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
         return []
     figures = judged.removed(effects)
     before_um, fails = figures.gain_um + figures.residual_um, diagnosis.accuracy.standing in ("watch", "fail")
-    # Too few poses: the model of all others predicts a pose hardly better than the rig file.
-    left_um = max(figures.residual_um, (judged.predicted_um or 0.0) * (judged.place == "used"))
-    if not figures.removes or left_um >= (1.0 if fails else _WORTH) * before_um:
+    left_um, u_um = judged.predicted_um, judged.predicted_u_um
+    if judged.place == "used" and left_um is not None and left_um > figures.residual_um:
+        # Readings left out of the fit show the error of a model of few poses, those used do not.
+        figures = replace(
+            figures, removes_um=before_um - left_um, removes_u_um=u_um, remains_um=left_um, remains_u_um=u_um
+        )
+    if not figures.removes or figures.residual_um >= (1.0 if fails else _WORTH) * before_um:
         return []
 
     def is_corrected(part: BudgetPart) -> bool:

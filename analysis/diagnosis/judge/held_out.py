@@ -58,6 +58,11 @@ class HeldOut:
         return 1e3 * float(np.sqrt(3 * np.average(self.residual_mm**2, weights=self.robust)))
 
     @property
+    def rms_u_um(self) -> float:
+        """Standard uncertainty of `rms_um`, as far as the neighbourhoods differ."""
+        return self.rms_um / math.sqrt(2 * _FREEDOM * len(np.unique(self.group)))
+
+    @property
     def noise_um(self) -> float:
         """Noise of a position, rms distance."""
         return 1e3 * float(np.sqrt(3 * np.average(self.noise_mm2, weights=self.robust)))

@@ -60,6 +60,10 @@ class Accuracy:
     """Residual of the calibrated model at the `place`: on places or runs not used in the fit, if available."""
     before_there_um: float
     place: JudgedOn
+    left_out_um: float | None = None
+    """Residual of poses or touches used in the fit, each group of similar postures predicted from the others; None if
+    the `place` is another, or if no reading was left out."""
+    left_out_u_um: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         return {**asdict(self), "standing": self.standing or "not_judged"}

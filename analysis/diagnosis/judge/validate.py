@@ -75,9 +75,10 @@ def _gaps(
     (sound, used), *others = judged
     held_out, unseen = (gap(runs, fitted, calibrated, result, names) if runs else None for runs, names in others)
     are_places = places is not None and len(places.rows) == len(result.linear.y)
-    return Gaps(
-        gap(sound, fitted, calibrated, result, used), held_out, unseen, places.rms_um if places and are_places else None
-    )
+    of_used = gap(sound, fitted, calibrated, result, used)
+    if places is None or not are_places:
+        return Gaps(of_used, held_out, unseen)
+    return Gaps(of_used, held_out, unseen, places.rms_um, places.rms_u_um)
 
 
 def gap(

@@ -176,6 +176,8 @@ class Gaps:
     """Rms by which the complete model of all other places misses each neighbourhood of the places used; None if the
     runs used include other tests.
     """
+    predicted_u_um: float = 0.0
+    """Standard uncertainty of `predicted_um`."""
     unexplained_um: float = 0.0
     """Constant part of `beyond_um`."""
     beyond_um: float = 0.0
@@ -505,7 +507,7 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, widening: Widening)
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
         unexplained_um=1e3 * unexplained_mm,
-        left_out_um=gaps.predicted_um if judged is gaps.train else None,
+        left_out_um=diagnosis.accuracy.left_out_um,
     )  # fmt: skip
 
 
@@ -522,4 +524,8 @@ def accuracy_of(
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
     judged = gaps.unseen or gaps.held_out or gaps.train
     largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)
-    return Accuracy(standing, limit, gaps.train.before_um, largest, judged.calibrated_um, judged.before_um, place)
+    left_out_um = gaps.predicted_um if place == "used" else None
+    return Accuracy(
+        standing, limit, gaps.train.before_um, largest, judged.calibrated_um, judged.before_um, place, left_out_um,
+        None if left_out_um is None else gaps.predicted_u_um,
+    )  # fmt: skip

@@ -19,7 +19,7 @@ from analysis.diagnosis.fit.fit_evidence import Fit
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.act_list import CHECK_STATED, EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
-from analysis.diagnosis.judge.acts import Act, Cost, NamingTest
+from analysis.diagnosis.judge.acts import Act, Cost, NamingTest, Reason
 from analysis.diagnosis.judge.budget_part import LEAST_SHARE, BudgetPart
 from analysis.diagnosis.judge.certainty import fault_rivals, is_open, likely_rivals
 from analysis.diagnosis.judge.named import Named
@@ -132,8 +132,9 @@ def plan_next(
     place, gaps = diagnosis.accuracy.place, validation.gaps
     predicts = gaps.predicted_um is not None and validation.places is not None and validation.places.is_enough
     judged = JudgedPlace(
-        place, validation.fitted, runs, validation.calibrated, gaps.judged, gaps.predicted_um, is_validated=predicts
-    )
+        place, validation.fitted, runs, validation.calibrated, gaps.judged, gaps.predicted_um, gaps.predicted_u_um,
+        is_validated=predicts,
+    )  # fmt: skip
     stated = (CHECK_STATED,) if diagnosis.contradictions else ()
     before = (*stated, *(_before(evidence.used) if early else ()))
     acts = acts_of(diagnosis, judged, tests, before)
@@ -141,13 +142,16 @@ def plan_next(
     return _with_measure_first(diagnosis)
 
 
+_ASKS_FIRST: tuple[Reason, ...] = ("elsewhere", "few_runs", "revisit", "commanded", "early")
+"""Reasons of a first act that asks for other readings because those used do not show the error of the model."""
+
+
 def _with_measure_first(diagnosis: Diagnosis) -> Diagnosis:
-    """Store in the calibrated model that the first act asks for more readings before a correction."""
+    """Store in the calibrated model that the first act asks for other readings before a correction."""
     calibrated, first = diagnosis.calibrated, diagnosis.next_act
-    asks = first is not None and first.kind == "measure" and first.why in ("elsewhere", "few_runs")
-    if not asks or calibrated is None or calibrated.judged is None:
+    if first is None or first.why not in _ASKS_FIRST or calibrated is None or calibrated.judged is None:
         return diagnosis
-    judged = calibrated.judged.model_copy(update={"measure_first": True})
+    judged = calibrated.judged.model_copy(update={"measure_first": True, "measure_why": first.why})
     return replace(diagnosis, calibrated=calibrated.with_values(judged=judged))
 
 

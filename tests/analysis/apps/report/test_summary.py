@@ -17,10 +17,9 @@ from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.budget_part import BudgetPart, GroupMember
-from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
+from analysis.diagnosis.judge.residuals import Residual
 from analysis.diagnosis.judge.result import Condition, Movement
 from analysis.movement.between import with_movements
-from rigs.calibration import ModelAssessment
 from rigs.effects import ThermalGrowth, TransmissionError
 from tests.support.every import in_every_language
 from tests.support.handmade_calibration import calibrated_model
@@ -373,27 +372,15 @@ def test_an_error_and_its_uncertainty_have_the_same_decimals():
     assert error_size(float("nan"), 1.0) == "–"
 
 
-ASSESSED = ModelAssessment(
-    condition="named",
-    place="used",
-    before_um=6.3,
-    names_um=2,
-    whole_um=2,
-    handed_um=1.9,
-    noise_um=1.7,
-    unexplained_um=0,
-)  # fmt: skip
-
-
 def test_error_names_its_region_or_is_unknown():
     found = diagnosis("named")
     used = judged(found, place="used")
     assert keys_of(summarise(used).error.basis)[0] == "basis_used"
-    crossed = summarise(replace(used, residual=Residual(0.0, held_out=HeldOutResidual(123.0, 45.0, {})))).error.basis
-    assert "123 µm" in crossed and keys_of(crossed)[0] == "basis_crossed"
-    of_few = calibrated_model(judged=ASSESSED.model_copy(update={"left_out_um": 4.5}))
-    left_out = summarise(replace(used, calibrated=of_few)).error
-    assert keys_of(left_out.basis)[0] == "basis_left_out" and left_out.after.startswith("4.5")
+    predicted = replace(used, accuracy=replace(used.accuracy, left_out_um=4.5, left_out_u_um=0.4))
+    left_out = summarise(predicted).error
+    assert (keys_of(left_out.basis)[0], left_out.after) == ("basis_left_out", "4.5 ± 0.4")
+    smaller = replace(used, accuracy=replace(used.accuracy, left_out_um=0.5, left_out_u_um=0.1))
+    assert summarise(smaller).error.after == summarise(used).error.after
     assert summarise(diagnosis("not_testable_here")).error.after == ""
     assert with_driven_error(summarise(found), *DRIVEN, EN).error.words == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
     held = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))

@@ -217,12 +217,14 @@ def test_measurement_comes_first_only_if_no_gain_is_proven(measurement, acts, co
 
 
 @pytest.mark.parametrize(
-    ("place", "predicted_um", "kinds"),
-    [("used", 15.0, ["load"]), ("used", 85.0, []), ("used", 120.0, []), ("unseen", 120.0, ["load"])],
+    ("place", "predicted_um", "remains_um"),
+    [("used", 15.0, [15.0]), ("used", 85.0, []), ("used", 120.0, []), ("unseen", 120.0, [10.0])],
 )
-def test_poses_that_the_others_do_not_predict_are_not_corrected(place, predicted_um, kinds):
+def test_correction_counts_with_poses_that_the_others_predict(place, predicted_um, remains_um):
     found = diagnosis("named", calibrated=calibrated_model(effects=(_ZERO,)))
-    assert [act.kind for act in _corrections(found, _place(place, predicted_um))] == kinds
+    loads = _corrections(found, _place(place, predicted_um))
+    assert [load.remains_um for load in loads] == remains_um
+    assert all(load.gain_um + load.residual_um == 100.0 for load in loads)
 
 
 @pytest.mark.parametrize(("controller", "kinds"), [("data_sheet", ["remaster"]), ("unknown", [])])
@@ -362,7 +364,7 @@ class _Judged:
         return Act("none", "sound", removes_um=float(len(effects)), remains_um=10.0 - len(effects))
 
 
-@pytest.mark.parametrize(("why", "asks"), [("elsewhere", True), ("few_runs", True), ("group", False)])
+@pytest.mark.parametrize(("why", "asks"), [("elsewhere", True), ("few_runs", True), ("early", True), ("group", False)])
 def test_calibration_keeps_that_the_first_act_asks_for_more_readings(why, asks):
     assessment = ModelAssessment(
         condition="named", place="used", before_um=9, names_um=2, whole_um=2, handed_um=2, noise_um=1, unexplained_um=0

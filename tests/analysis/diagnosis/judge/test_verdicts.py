@@ -9,7 +9,8 @@ from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.named import Named
-from analysis.diagnosis.judge.verdict import standing_within
+from analysis.diagnosis.judge.result import Gap
+from analysis.diagnosis.judge.verdict import Gaps, accuracy_of, standing_within
 from rigs.effects import Backlash, ClockRate, JointOffset, LinkGeometry
 from rigs.schema.effect import EffectProvenance, name_of
 from tests.support.diagnosis_cells import RIG, circles, found_in
@@ -60,3 +61,11 @@ def test_exact_twins_are_one_name():
     (one,) = found.effects
     assert {name_of(one.effect), *map(name_of, one.twins)} == {"link_geometry 2.d", "link_geometry 3.d"}
     assert one.rivals == () and one.effect.delta == pytest.approx(3.0, abs=0.03)
+
+
+def test_readings_left_out_of_the_fit_count_only_without_other_readings():
+    few, other = (Gap((name,), 430.0, 35.0, 5.0, 35.0) for name in ("few", "other"))
+    left_out = accuracy_of(Gaps(few, None, None, 310.0, 40.0), None, None)
+    assert (left_out.place, left_out.left_out_um, left_out.left_out_u_um) == ("used", 310.0, 40.0)
+    assert left_out.to_dict()["left_out_um"] == 310.0
+    assert accuracy_of(Gaps(few, other, None, 310.0, 40.0), None, None).left_out_um is None
