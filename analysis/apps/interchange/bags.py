@@ -224,9 +224,9 @@ def message_decoder() -> Callable[[bytes, str], Any]:
     """Decoder of rosbags, which checks each length in a message before it allocates anything."""
     try:
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra of the package
-    except ModuleNotFoundError as error:
-        problem = f"a bag of ROS 2 needs the Python package {error.name}, which is missing"
-        raise CellError("import", problem, to_install("rosbags"), code="package.missing") from None
+    except ModuleNotFoundError:
+        problem = "a bag of ROS 2 needs the Python package rosbags, which is not installed"
+        raise CellError("rig import", problem, to_install("rosbags"), code="package.missing") from None
     decode: Callable[[bytes, str], Any] = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
     return decode
 
