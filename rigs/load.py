@@ -13,27 +13,27 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import PrivateAttr, ValidationError
 
 from rigs.arms import arm_files, load_arm, rig_text_of
 from rigs.calibration import MOST_CALIBRATION_BYTES, CalibratedModel, CalibrationFile, largest_sd
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_from, read_text
+from rigs.named_arm import refuse_classic_constants
+from rigs.other_files import refuse_head, refuse_other_data, refuse_other_texts
 from rigs.problems import RigFileError, problems_of, truth_values
-from rigs.rig import Rig
+from rigs.rig import Rig, misplaced
 from rigs.schema.effect import bounds, size_field
 from rigs.schema.part import Part, Vector
 from rigs.schema.robot import LinkConstants
-from rigs.text import as_argument, nearest, the_same
+from rigs.text import nearest, the_same
 from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of the same diagnosis, or repeat the diagnosis"
 _MOST_UM = 1e6
 _MOST_WIDENED = 1000.0
 """Largest ratio of real to expected error: 10 mm for an arm calibrated to 10 µm would be no calibration."""
-_ARCHIVE = b"PK\x03\x04"
-"""First bytes of zip files, and so of workbooks (PKWARE APPNOTE, 4.3.7)."""
 _ROUNDED = 1 + 1e-6
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
@@ -68,6 +68,7 @@ C = TypeVar("C", Rig, CalibratedModel)
 SHIPPED = Path(__file__).parent
 _EFFECTS = ".effects.yaml"
 _MAX_BYTES = 1_000_000
+_HEAD_BYTES = 400
 
 
 class Hidden(Part):
@@ -77,7 +78,16 @@ class Hidden(Part):
     axes: tuple[LinkConstants, ...] | None = None
     """Constants of this single arm, with which its controller computes as well. None: those of the rig file."""
 
+    _where: str = PrivateAttr("effects")
+
     def apply_to(self, rig: Rig) -> Rig:
+        """The rig with these effects. Raises FileError if they are those of an arm with other axes."""
+        count = len(rig.robot.axes)
+        if self.axes and len(self.axes) != count:
+            problem = f"has {len(self.axes)} axes, but the robot has {count}"
+            raise FileError(self._where, problem, "give a row for each axis", code="rig_file.invalid")
+        if problem := next(misplaced(self.effects or (), count), ""):
+            raise FileError(self._where, problem, "correct the axis", code="rig_file.invalid")
         tests = rig.tests
         if tests.circle and self.eccentricity_mm:
             circle = tests.circle.model_copy(update={"eccentricity_mm": self.eccentricity_mm})
@@ -150,6 +160,7 @@ def load(name: str | Path) -> tuple[Rig, str]:
     path = find(name)
     text = rig_text_of(path.stem) if path in arm_files().values() else _text(path)
     rig = parse(text, str(path))
+    refuse_classic_constants(rig.robot, str(path))
     if rig.calibration:
         calibration_path = path.parent / rig.calibration.file
         content = _calibration(calibration_path, rig.calibration)
@@ -202,11 +213,8 @@ def _text(path: Path) -> str:
     try:
         return read_text(path, _MAX_BYTES)
     except FileError:
-        if path.is_file() and read_from(path, 0, len(_ARCHIVE))[0] == _ARCHIVE:
-            remedy = "give the rig file; rig import reads tables"
-            raise FileError(
-                str(path), "is a workbook or an archive, not a rig file", remedy, code="rig_file.invalid"
-            ) from None
+        if path.is_file():
+            refuse_head(str(path), read_from(path, 0, _HEAD_BYTES)[0])
         raise
     except OSError as error:
         raise _unreadable(path, error) from None
@@ -249,8 +257,9 @@ def _keep(kept: dict[str, C], key: str, value: C) -> None:
 
 
 def _parsed(text: str, where: str) -> Rig:
-    _refuse_other_texts(text, where)
+    refuse_other_texts(text, where)
     root, data = read_yaml(text, where)
+    refuse_other_data(data, where)
     try:
         rig = Rig.model_validate(data)
     except ValidationError as error:
@@ -258,33 +267,6 @@ def _parsed(text: str, where: str) -> Rig:
     if mistakes := list(truth_values(data, rig, root)):
         raise RigFileError(where, mistakes)
     return rig
-
-
-_SEPARATORS = (",", ";", "\t")
-
-
-def _refuse_other_texts(text: str, where: str) -> None:
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
-    if not lines:
-        raise FileError(
-            where, "is empty, not a rig file", "create a rig file with rig init cell.yaml", code="rig_file.invalid"
-        )
-    for separator in _SEPARATORS:
-        columns = lines[0].count(separator)
-        is_even = all(line.count(separator) == columns for line in lines[:_LOOKED_AT])
-        if columns and is_even and len(lines) > 1 and ":" not in lines[0]:
-            names = [name.strip() for name in lines[0].split(separator)]
-            shown = ", ".join(names) if columns < 3 else f"{', '.join(names[:3])} …"
-            remedy = f"import the table as a run: rig import {as_argument(where)} --rig RIG --test TEST -o RUN"
-            raise FileError(
-                where,
-                f"is a table of {columns + 1} columns ({shown}), not a rig file",
-                remedy,
-                code="rig_file.invalid",
-            )
-
-
-_LOOKED_AT = 3
 
 
 def load_hidden(name: str | Path) -> Hidden:
@@ -307,6 +289,8 @@ def load_hidden(name: str | Path) -> Hidden:
     if "robot" in data:
         data = {"effects": data.get("effects")}
     try:
-        return Hidden.model_validate(data)
+        hidden = Hidden.model_validate(data)
     except ValidationError as error:
         raise RigFileError(str(path), problems_of(error, data, root, Hidden)) from None
+    hidden._where = str(path)
+    return hidden

@@ -5,7 +5,7 @@ The object represents a YAML file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Annotated
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
@@ -23,7 +23,8 @@ from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.probe import Ball, BallLink, Temperature
 from rigs.schema.reference import Reference
-from rigs.schema.robot import ControllerArm, LengthUnit, Robot
+from rigs.schema.robot import ControllerArm, LengthUnit, Pose, Robot
+from rigs.schema.unit_checks import refuse_centre_in_metres
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
 _LINK_OFF_MM = 10.0
@@ -161,14 +162,22 @@ class Rig(Part):
             raise ValueError(f"{lengths}; the difference exceeds {_LINK_OFF_MM:g} mm; correct one of them")
         return tests
 
+    @field_validator("tests")
+    @classmethod
+    def _in_mm(cls, tests: Tests, info: ValidationInfo) -> Tests:
+        robot = info.data.get("robot")
+        if robot and robot.base == Pose():  # a world with its origin at the ball has small coordinates
+            for key in ("circle", "hemisphere"):
+                if path := getattr(tests, key):
+                    refuse_centre_in_metres(f"{key}.centre_mm", path.centre_mm, robot.reach_mm)
+        return tests
+
     @field_validator("effects")
     @classmethod
     def _of_its_axes(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
         axes = len(info.data["robot"].axes) if "robot" in info.data else MOST_AXES
-        for effect in effects:
-            seat = max(getattr(effect, key, 0) for key in ("axis", "from_axis", "to_axis"))
-            if seat > axes:
-                raise ValueError(f"{name_of(effect)} refers to axis {seat}, but the robot has {axes}; correct the axis")
+        if problem := next(misplaced(effects, axes), None):
+            raise ValueError(f"{problem}; correct the axis")
         return effects
 
     @model_validator(mode="after")
@@ -210,6 +219,14 @@ class Rig(Part):
         if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
             raise ValueError("; ".join(lacking))
         return automatic
+
+
+def misplaced(effects: Iterable[AnyEffect], axes: int) -> Iterator[str]:
+    """Yield a problem for each effect of an axis that the arm does not have."""
+    for effect in effects:
+        seat = max(getattr(effect, key, 0) for key in ("axis", "from_axis", "to_axis"))
+        if seat > axes:
+            yield f"{name_of(effect)} refers to axis {seat}, but the robot has {axes}"
 
 
 def _stated_unit(feedback: Feedback) -> LengthUnit | None:

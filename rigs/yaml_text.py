@@ -56,13 +56,32 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
             raise RigFileError(where, [Problem(1, "", problem)])
         return root, loader.construct_document(root)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {problem}")]) from None
+        raise RigFileError(where, [_yaml_problem(error)]) from None
     except RecursionError:
         raise RigFileError(where, [Problem(1, "", "not readable as YAML: nested too deeply")]) from None
     except _UNREADABLE as error:
         raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
+
+
+_IN_WORDS = {
+    "found character '\\t'": "a tab; indent with spaces",
+    "could not find expected ':'": "a key without a value; write a colon and a space after the key",
+    "mapping values are not allowed": "an unexpected colon; indent this line as its neighbours, write a space after "
+    "the colon of the line before, or put a text with a colon in quotes",
+    "expected <block end>": "the indentation is wrong; begin all keys of a section in the same column",
+    "expected ',' or ']'": "a list is not closed; write commas between the entries, and ] at the end",
+    "expected ',' or '}'": "a mapping is not closed; write commas between the entries, and } at the end",
+    "found unexpected end of stream": "a quote is not closed; add the second quote",
+}
+"""Descriptions of problems that PyYAML reports, by the beginning of its message."""
+
+
+def _yaml_problem(error: yaml.YAMLError) -> Problem:
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None) or str(error).splitlines()[0]
+    words = next((words for begin, words in _IN_WORDS.items() if problem.startswith(begin)), problem)
+    if problem.startswith("could not find expected"):
+        mark = getattr(error, "context_mark", None) or mark  # PyYAML notices a missing colon at a later key
+    return Problem(mark.line + 1 if mark else 1, "", f"not YAML: {words}")
 
 
 def nodes_of(text: str) -> yaml.Node | None:

@@ -180,7 +180,12 @@ def calibration_lines(model: CalibratedModel) -> list[str]:
 def _doubtful_geometry(robot: Robot) -> Iterator[str]:
     """Doubts about lengths that may be in metres and that no arm of the library has, and about coupled axes."""
     from rigs.arms import arm_files, load_arm
+    from rigs.named_arm import named_arm_doubts
+    from rigs.schema.unit_checks import SLOWEST_DEG_S
 
+    yield from (f"doubt: {doubt}" for doubt in named_arm_doubts(robot))
+    if (fastest := max(axis.speed_deg_s for axis in robot.axes)) < SLOWEST_DEG_S:
+        yield f"doubt: no axis is faster than {fastest:g}°/s; if speed_deg_s is in rad/s, multiply it by 57.2958"
     if lengths := list(robot.short_lengths()):
         known = {value for name in arm_files() for *_, value in load_arm(name).robot.short_lengths()}
         for axis, key, value in (one for one in lengths if one[2] not in known):

@@ -20,13 +20,16 @@ from rigs.errors import FileError
 
 _MOST_CELLS, _MOST_UNPACKED = 20_000_000, 1_000_000_000
 _LIST = re.compile(rb'"\[[^"\[\]]*\]"')
+_COMMA_CELL = re.compile(rb'"[ \t]*([+-]?[0-9]+),([0-9]+)[ \t]*"')
+_DIGITS_OF_THOUSANDS = 3
+_POINT = re.compile(rb"[0-9]\.[0-9]")
 _PLACE = ("x", "y", "z")
 _PLACE_NAME = re.compile(r"pos(ition)?|xyz|place|point|translation|tvec", re.IGNORECASE)
 
 
 def is_convertible(head: bytes) -> bool:
     """True if `csv_of` converts a file with these first bytes."""
-    return any(is_of(head) for _, is_of, _ in _FORMATS)
+    return any(is_of(head) for _, is_of, _ in _FORMATS) or _has_decimal_commas(head)
 
 
 def csv_of(data: bytes, where: str) -> bytes:
@@ -44,7 +47,7 @@ def csv_of(data: bytes, where: str) -> bytes:
             problem = f"cannot be read as {kind}: {reason}"
             raise FileError(where, problem, "save the table as CSV", code="file.invalid") from None
         return written.getvalue()
-    return data
+    return _COMMA_CELL.sub(rb"\1.\2", data) if _has_decimal_commas(data) else data
 
 
 def _is_parquet(data: bytes) -> bool:
@@ -68,6 +71,13 @@ def _is_json_lines(data: bytes) -> bool:
 
 def _has_list_cells(data: bytes) -> bool:
     return bool(_LIST.search(data.partition(b"\n")[2].partition(b"\n")[0]))
+
+
+def _has_decimal_commas(data: bytes) -> bool:
+    """True if the first row has quoted decimals such as "37,5286", which are not thousands, and none with a point."""
+    row = data.partition(b"\n")[2].partition(b"\n")[0]
+    digits_behind = [len(behind) for _, behind in _COMMA_CELL.findall(row)]
+    return any(count != _DIGITS_OF_THOUSANDS for count in digits_behind) and not _POINT.search(row)
 
 
 def _read_parquet(data: bytes) -> pa.Table:

@@ -12,8 +12,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.part import MM_PER_M, Angle, Part, Vector, place_not_in_metres
+from rigs.schema.part import Angle, Part, Vector
 from rigs.schema.robot import Pose, Posture
+from rigs.schema.unit_checks import not_in_metres, place_not_in_metres, speed_not_in_metres
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _LONGEST_LAP_S = 1800.0
@@ -43,15 +44,6 @@ class _AboutTheBall(Part):
         return self
 
 
-def not_in_metres(value: object) -> object:
-    """A length in mm unchanged. Raises ValueError below 1 mm, because the value was probably meant in metres."""
-    if isinstance(value, int | float) and 0 < abs(value) < 1:
-        raise ValueError(
-            f"{value:g} mm is too short; it looks like metres: multiply it by {MM_PER_M} and write {MM_PER_M * value:g}"
-        )
-    return value
-
-
 class Circle(_AboutTheBall):
     """Circle about the base-ball, driven acw and cw with the tool pointing at the centre.
 
@@ -73,6 +65,7 @@ class Circle(_AboutTheBall):
     """
 
     _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
+    _in_mm_s = field_validator("speed_mm_s", mode="before")(speed_not_in_metres)
 
     @model_validator(mode="after")
     def _ends_today(self) -> Circle:

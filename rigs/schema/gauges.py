@@ -17,6 +17,7 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit
 from rigs.schema.part import Origin, Part
 from rigs.schema.plugins import extended
 from rigs.schema.probe import Probe, Timing
+from rigs.schema.unit_checks import refuse_baseline_in_metres
 from rigs.schema.vocabulary import FURTHER
 
 
@@ -317,7 +318,10 @@ class Gauges(Part):
 
     @model_validator(mode="after")
     def _check_baseline(self) -> Gauges:
-        if self.g2 is None or self.baseline_mm > 0:
+        if self.g2 is None:
+            return self
+        if self.baseline_mm > 0:
+            refuse_baseline_in_metres(self.baseline_mm, (self.g1.offset_mm, self.g2.offset_mm))
             return self
         places = f"g1 at {self.g1.offset_mm:g} mm and g2 at {self.g2.offset_mm:g} mm"
         if self.baseline_mm == 0:

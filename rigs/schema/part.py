@@ -22,23 +22,6 @@ Vector = tuple[Length, Length, Length]
 Axis = Annotated[int, Field(ge=1, le=7)]
 
 
-_LEAST_MM = 1.0
-"""Least length of a tool, or of a ball on it. Chosen: the longest tools have 1 m, 1.0 in metres."""
-
-
-def place_not_in_metres(place: Vector) -> Vector:
-    """A place on the flange in mm unchanged. Raises ValueError if no coordinate reaches 1 mm, because the place
-    was probably meant in metres.
-    """
-    if 0 < max(map(abs, place)) < _LEAST_MM:
-        in_mm = ", ".join(f"{MM_PER_M * value:g}" for value in place)
-        raise ValueError(
-            f"[{', '.join(f'{value:g}' for value in place)}] has no coordinate of {_LEAST_MM:g} mm or more; it looks "
-            f"like metres: multiply it by {MM_PER_M} and write [{in_mm}]"
-        )
-    return place
-
-
 class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from rigs.schema.part import MM_PER_M, Angle, Length, Part, Vector, place_not_in_metres
+from rigs.schema.part import MM_PER_M, Angle, Length, Part, Vector
+from rigs.schema.unit_checks import place_not_in_metres, refuse_angles_in_radians, refuse_limits_in_radians
 from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Build
 
 
@@ -185,6 +186,12 @@ class Robot(Part):
         place_not_in_metres(tool.xyz_mm)
         return tool
 
+    @field_validator("tool", "base")
+    @classmethod
+    def _turned_in_degrees(cls, pose: Pose) -> Pose:
+        refuse_angles_in_radians("rpy_deg", pose.rpy_deg)
+        return pose
+
     @model_validator(mode="after")
     def _has_controller_constants(self) -> Robot:
         if self.controller_axes and self.controller != "constants":
@@ -201,13 +208,35 @@ class Robot(Part):
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:
-        sum_mm = sum(abs(axis.a_mm) + abs(axis.d_mm) for axis in self.axes)
-        if 0 < sum_mm < _SHORTEST_MM:
+        if 0 < self.reach_mm < _SHORTEST_MM:
             raise ValueError(
-                f"the sum of a_mm and d_mm over all axes is {sum_mm:.4g} mm, which is too small for an "
+                f"the sum of a_mm and d_mm over all axes is {self.reach_mm:.4g} mm, which is too small for an "
                 f"arm; if the values are in metres, multiply them by {MM_PER_M}"
             )
         return self
+
+    @model_validator(mode="after")
+    def _in_degrees(self) -> Robot:
+        for key in ("alpha_deg", "offset_deg"):
+            refuse_angles_in_radians(key, [getattr(axis, key) for axis in self.axes])
+        refuse_limits_in_radians([axis.limits_deg for axis in self.axes])
+        return self
+
+    @property
+    def reach_mm(self) -> float:
+        """Upper bound of the reach: the sum of all lengths."""
+        return sum(abs(axis.a_mm) + abs(axis.d_mm) for axis in self.axes)
+
+    @property
+    def read_as_classic(self) -> Robot:
+        """This arm if its constants were classic ones of Denavit and Hartenberg, without the link after the last axis.
+
+        Classic constants a and alpha follow their joint; those of Craig precede it.
+        """
+        before = [(0.0, 0.0), *((axis.a_mm, axis.alpha_deg) for axis in self.axes[:-1])]
+        rows = zip(self.axes, before, strict=True)
+        axes = tuple(axis.model_copy(update={"a_mm": a, "alpha_deg": alpha}) for axis, (a, alpha) in rows)
+        return self.model_copy(update={"axes": axes})
 
     def short_lengths(self) -> Iterator[tuple[int, str, float]]:
         """Yield axis, key and value of each length that would be plausible in metres but is below 1 mm."""

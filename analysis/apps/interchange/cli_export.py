@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
@@ -11,6 +11,8 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Runs
 from analysis.cli.several import for_each
+from rigs.errors import UseError
+from rigs.text import as_argument, enumerated
 
 if TYPE_CHECKING:
     from daq.store import Run
@@ -21,25 +23,42 @@ Format = Literal["csv", "parquet", "xlsx", "mcap", "map"]
 @command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
 def export(
     paths: Runs,
-    to: Annotated[
-        Format,
-        typer.Option(
-            help="Format: csv, parquet or xlsx for the table, mcap for the raw streams, map: the column map of an "
-            "imported table."
-        ),
-    ],
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="Output file; for several runs, the output directory."),
     ],
+    to: Annotated[
+        Format | None,
+        typer.Option(
+            help="Format: csv, parquet or xlsx for the table, mcap for the raw streams, map: the column map of an "
+            "imported table; default: that of the ending of the output file."
+        ),
+    ] = None,
 ) -> None:
     """Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of its import.
 
     Foxglove and PlotJuggler show an MCAP file."""
     if len(paths) == 1:
-        _export(paths[0], to, output)
+        _export(paths[0], _format_of(output, to), output)
         return
+    if to is None:
+        raise UseError("--to", "is missing", f"give {enumerated(_FORMATS, 'or')} for several runs")
     for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))
+
+
+_FORMATS: tuple[Format, ...] = get_args(Format)
+
+
+def _format_of(output: Path, to: Format | None) -> Format:
+    """Format of a file. Raises UseError if its ending is that of a different one, or names none."""
+    ending = output.suffix.lower().removeprefix(".")
+    by_ending = next((name for name in _FORMATS if name == ending), None)
+    if to and by_ending and to != by_ending:
+        remedy = f"write -o {as_argument(output.with_suffix(f'.{to}'))}, or --to {by_ending}"
+        raise UseError(f"-o {output}", f"ends like {by_ending}, but --to is {to}", remedy)
+    if chosen := to or by_ending:
+        return chosen
+    raise UseError("--to", "is missing", f"give {enumerated(_FORMATS, 'or')}, or an output file with such an ending")
 
 
 def _export(path: Path, to: Format, output: Path) -> None:

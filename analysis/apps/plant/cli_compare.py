@@ -18,6 +18,7 @@ from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
 from analysis.procedures.shared.test_kind import facts_of
 from rigs.errors import FileError, UseError
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis.apps.report.blocks import Block
@@ -66,6 +67,10 @@ def compare(
     has_options = bool(rig_file or plot or unseen)
     if has_arms and (against or has_options):
         raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options")
+    if len(runs) == 1 and _is_arm(runs[0]):
+        arm = as_argument(runs[0])
+        remedy = f"give a second arm, or the runs to simulate with it: rig compare RUN… --rig {arm}"
+        raise UseError(str(runs[0]), "is a single arm", remedy)
     if against and has_options:
         problem, remedy = "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
         raise UseError("--against", problem, remedy)

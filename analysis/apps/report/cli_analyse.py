@@ -14,6 +14,7 @@ from analysis.cli.options import AsJson, Calibration, Jobs, RunsBelow, Scheduler
 from analysis.cli.several import (
     end_with,
     evaluate_paths,
+    is_table,
     over_runs,
     runs_below,
     with_controller,
@@ -51,6 +52,8 @@ def analyse(
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
 
+    if (rig_file or calibration) and not any(map(is_table, runs)):
+        say("note: --rig and --calibration are for tables; a run contains the rig file of its recording", err=True)
     paths = runs_below(with_tables(runs, with_controller(rig_file, calibration)), scheduler)
     if as_lines:
         if as_json or plot or each or truth:

@@ -16,7 +16,16 @@ import numpy as np
 from analysis.procedures.checks.columns import JOINTS, joint_findings
 from analysis.procedures.checks.gauge_display import DISPLAY, display_findings
 from analysis.procedures.checks.gauges import ORDER, SIGN, repeat_findings, sign_findings
-from analysis.procedures.checks.places import DUPLICATES, PLACE, SOURCE, STAMPS, STANDS, WILDNESS, stand_findings
+from analysis.procedures.checks.places import (
+    DUPLICATES,
+    PLACE,
+    SOURCE,
+    STAMPS,
+    STANDS,
+    TWO_PLACINGS,
+    WILDNESS,
+    stand_findings,
+)
 from analysis.procedures.checks.units import UNITS, unit_findings, unsigned_findings
 from analysis.procedures.shared.test_kind import Finding, findings_against, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, arm_of
@@ -180,7 +189,9 @@ def findings_of(runs: Runs) -> list[Finding]:
     for run in runs:
         groups = ("rows", "places") if shows_joints(run.table.test) else ("places",)
         findings += [finding for group in groups for finding in _found(group, run)]
-    return findings
+    # With joints that mean something else, the arm fits parts of the rows better than all of them.
+    misread = {name for finding in findings if finding.convention == JOINTS for name in finding.runs}
+    return [finding for finding in findings if finding.meant != TWO_PLACINGS or not misread & set(finding.runs)]
 
 
 def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:

@@ -197,7 +197,8 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     best, as_labelled, as_good = kind_of(table.test).judged_joints(table, rig)
     if best is None:
-        other = _another_arm(table, rig) if as_labelled > _OTHER_MM else None
+        is_off = as_labelled > _OTHER_MM
+        other = (_another_arm(table, rig) or _classic_arm(table, rig, as_labelled)) if is_off else None
         yield from [other] if other else _far_off(table, rig, as_labelled)
         return
     if as_labelled < _NOTHING_MM:
@@ -226,20 +227,13 @@ def _another_arm(table: Table, rig: Rig) -> Finding | None:
     """
     if not facts_of(table.test).of_places:
         return None
-
-    def misfit_mm(robot: Robot) -> float:
-        arm = arm_of(robot.model_copy(update={"tool": rig.robot.tool}))
-        if facts_of(table.test).of_tracker:
-            rows = (table.readings != 0).any(axis=1)
-            return left_mm(without_setup(arm), table.q[rows], table.readings[rows], _STEPS)
-        path = kind_of(table.test).off_path(table, rig, forward(arm, table.q))
-        return np.inf if path is None else path.off_mm
-
     robots = {name: load_arm(name).robot for name in arm_names()}
     stated = next((name for name, robot in robots.items() if _links(robot) == _links(rig.robot)), None)
     if stated is None:
         return None
-    fits = {name: misfit_mm(robot) for name, robot in robots.items() if len(robot.axes) == len(rig.robot.axes)}
+    fits = {
+        name: _misfit_mm(robot, table, rig) for name, robot in robots.items() if len(robot.axes) == len(rig.robot.axes)
+    }
     name = min(fits, key=lambda arm: fits[arm])
     if fits[stated] <= max(_OTHER_MM, CLEARLY * fits[name]):
         return None
@@ -249,6 +243,31 @@ def _another_arm(table: Table, rig: Rig) -> Finding | None:
     )
     remedy = f"compare with the name plate, and give --arm {name} or a rig file of that arm"
     return Finding(JOINTS, "decisive", (), f"the arm {name}", fact, remedy)
+
+
+def _misfit_mm(robot: Robot, table: Table, rig: Rig) -> float:
+    """Error of poses or touches with another arm that carries the tool of the rig file."""
+    arm = arm_of(robot.model_copy(update={"tool": rig.robot.tool}))
+    if facts_of(table.test).of_tracker:
+        rows = (table.readings != 0).any(axis=1)
+        return left_mm(without_setup(arm), table.q[rows], table.readings[rows], _STEPS)
+    path = kind_of(table.test).off_path(table, rig, forward(arm, table.q))
+    return np.inf if path is None else path.off_mm
+
+
+def _classic_arm(table: Table, rig: Rig, as_labelled: float) -> Finding | None:
+    """A finding if the axes of the rig file fit only as classic constants of Denavit and Hartenberg."""
+    if not facts_of(table.test).of_places:
+        return None
+    fitted_mm = _misfit_mm(rig.robot.read_as_classic, table, rig)
+    if as_labelled <= max(_OTHER_MM, CLEARLY * fitted_mm):
+        return None
+    fact = (
+        "the axes of the rig file fit the table if they are read in the classic notation of Denavit and Hartenberg "
+        f"(error {_length(fitted_mm)} instead of {_length(as_labelled)}), but rig reads the modified one (Craig)"
+    )
+    remedy = "move a_mm and alpha_deg of each axis in the rig file to the next axis"
+    return Finding(JOINTS, "decisive", (), "classic constants of the arm", fact, remedy)
 
 
 def _links(robot: Robot) -> list[tuple[float, ...]]:

@@ -476,6 +476,7 @@ def left_out(table: Table, out: Mask, far_mm: Array) -> str:
 
 
 WILDNESS = "wildness"
+TWO_PLACINGS = "two placings"
 
 
 def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
@@ -497,7 +498,7 @@ def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     far = far_poses(table, bare)
     if words := two_placings(_of(table, ~(lost | far.wild)), bare):
         remedy = "give each placement as a separate file and run"
-        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), TWO_PLACINGS, words, remedy)
     if far.far.any() and (far.by_accident or not words):  # too many for accidents: something has moved
         fact = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
         fact, remedy = fact.rsplit("; ", 1)

@@ -91,3 +91,62 @@ def test_rows_that_occur_twice_show_no_repeatability(tmp_path):
     write_columns(tmp_path / "t.csv", [*JOINTS, *PLACES], rows)
     done = ran(f"diagnose {tmp_path}/t.csv --arm ur5")
     assert done.returncode != 0 and "contains 20 of its 40 rows twice" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory):
+    """Joint angles of a UR10e in degrees, and the places of its tool in the frame of a tracker in mm."""
+    rng, robot = np.random.default_rng(11), load_arm("ur10e").robot
+    q = rng.uniform(-2.0, 2.0, (30, 6))
+    T = forward(arm_of(robot), q)
+    xyz = T[:, :3, 3] + T[:, :3, :3] @ [35.0, -20.0, 120.0] + rng.normal(0, 0.1, (30, 3))
+    return np.degrees(q), xyz @ [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]] + [3000.0, -500.0, 900.0]
+
+
+def test_quoted_decimal_commas_are_read(tmp_path, poses):
+    rows = [",".join(f'"{value:.4f}"'.replace(".", ",") for value in (*q, *xyz)) for q, xyz in zip(*poses, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join([",".join([*JOINTS, *PLACES]), *rows]) + "\n")
+    table = read_table(tmp_path / "t.csv", "ur10e", "pose").table
+    np.testing.assert_allclose(np.degrees(table.q), poses[0], atol=1e-4)
+    np.testing.assert_allclose(table.xyz_mm, poses[1], atol=1e-4)
+
+
+def test_quoted_thousands_are_no_decimals(tmp_path, poses):
+    rows = [",".join([*(f"{value:.4f}" for value in q), *['"1,234"'] * 3]) for q in poses[0]]
+    (tmp_path / "t.csv").write_text("\n".join([",".join([*JOINTS, *PLACES]), *rows]) + "\n")
+    with refused("table.invalid", "decimal comma"):
+        read_table(tmp_path / "t.csv", "ur10e", "pose")
+
+
+def test_poses_of_an_arm_in_classic_constants_name_the_notation(poses):
+    q_deg, xyz = poses
+    rig, _ = load("ur10e")
+    following = [(axis.a_mm, axis.alpha_deg) for axis in rig.robot.axes[1:]]
+    rows = zip(rig.robot.axes, [*following, (0.0, 0.0)], strict=True)
+    axes = tuple(axis.model_copy(update={"a_mm": a, "alpha_deg": alpha}) for axis, (a, alpha) in rows)
+    classic = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": axes, "arm": ""})})
+    (finding,) = joint_findings(PoseTable(np.radians(q_deg), xyz, None), classic)
+    assert finding.strength == "decisive" and "classic" in finding.what
+    assert not list(joint_findings(PoseTable(np.radians(q_deg), xyz, None), rig))
+
+
+def test_reversed_joints_do_not_also_look_like_two_placements(tmp_path, poses):
+    write_columns(tmp_path / "t.csv", [*JOINTS, *PLACES], poses[0] * [1, -1, -1, 1, 1, 1], poses[1])
+    doubts = errors_of(
+        "import", tmp_path / "t.csv", "--arm", "ur10e", "--test", "pose", "-o", tmp_path / "run", exit_code=0
+    )
+    assert "opposite direction" in doubts and "different place" not in doubts
+
+
+def test_export_takes_its_format_from_the_ending_or_names_the_conflict(tmp_path, folder):
+    ran("import", folder / "t.csv", "--rig", folder / "cell.yaml", "--test", "touch", "-o", tmp_path / "run")
+    done = ran("export", tmp_path / "run", "--to", "csv", "-o", tmp_path / "t.xlsx")
+    assert done.returncode == 2 and "--to xlsx" in done.stderr and not (tmp_path / "t.xlsx").exists()
+    assert ran("export", tmp_path / "run", "-o", tmp_path / "t.csv").returncode == 0
+    assert "q1_deg" in (tmp_path / "t.csv").read_text().partition("\n")[0]
+    assert ran("export", tmp_path / "run", "-o", tmp_path / "t").returncode == 2
+
+
+def test_single_arm_is_not_compared(folder):
+    done = ran("compare", folder / "cell.yaml")
+    assert done.returncode == 2 and "is a single arm" in done.stderr
