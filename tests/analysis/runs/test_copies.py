@@ -7,6 +7,7 @@ from pyarrow.csv import write_csv
 import analysis
 from analysis.apps.commission.what_moved import what_moved_in
 from analysis.apps.plant.fitting_arm import fitting_arm
+from analysis.robot.kinematics.arm import arm_of, forward, rotation
 from analysis.runs.copies import NEW, REFERENCE, refuse_repeated
 from rigs.load import load
 from tests.support.command_line import failure_of
@@ -26,7 +27,10 @@ def cell(tmp_path_factory):
     shutil.copytree(folder / "lap", folder / "copied")
     (folder / "linked").symlink_to(folder / "lap")
     rng = np.random.default_rng(2)
-    poses = pose_run("ur10e", rng.uniform(-1, 1, (12, 6)), rng.uniform(-500, 500, (12, 3)))
+    q = rng.uniform(-1, 1, (12, 6))
+    # Of this arm, because the table of another one is compared with every reading of its joints.
+    places_mm = forward(arm_of(load("ur10e")[0].robot), q)[:, :3, 3] + rng.normal(0, 0.1, (12, 3))
+    poses = pose_run("ur10e", q, places_mm @ rotation(np.array([0.2, -0.4, 1.1])).T + [1500.0, -300.0, 400.0])
     write_csv(poses.to_table(), folder / "one.csv")
     shutil.copy(folder / "one.csv", folder / "two.csv")
     return folder
