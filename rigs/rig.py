@@ -14,6 +14,7 @@ from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
 from rigs.families import link_sizes
+from rigs.makers import MAKERS, maker_named, maker_of
 from rigs.schema.controllers import practice_of
 from rigs.schema.declared_tests import Automatic, KnownSocketDistance, Retention, Tests
 from rigs.schema.effect import name_of
@@ -25,7 +26,7 @@ from rigs.schema.probe import Ball, BallLink, Temperature
 from rigs.schema.reference import Reference
 from rigs.schema.robot import ControllerArm, LengthUnit, Pose, Robot
 from rigs.schema.unit_checks import refuse_centre_in_metres
-from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
+from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName
 
 _LINK_OFF_MM = 10.0
 """Largest difference between link and circle radius.
@@ -83,8 +84,8 @@ class Rig(Part):
 
     @property
     def makers(self) -> tuple[MakerName, ...]:
-        """Possible makers of the controller, the most likely first: a single maker if known, otherwise all."""
-        return (self.maker,) if self.maker else makers()
+        """Possible makers of the controller: a single one if known, otherwise all."""
+        return (self.maker,) if self.maker else MAKERS
 
     @property
     def controller(self) -> ControllerArm:
@@ -97,7 +98,7 @@ class Rig(Part):
         practice = practice_of(self.maker or self.robot.name)
         if self.robot.controller != "data_sheet" or practice is None or practice.own_constants != "always":
             return ""
-        if self.maker == "linuxcnc":  # its pins are those of the data sheet until somebody enters others
+        if practice.are_entered:
             return ""
         return f"robot.controller is data_sheet, but the maker measures each robot: give {practice.get} (--calibration)"
 

@@ -89,6 +89,7 @@ def test_new_figure_with_stops_has_label_and_u(with_measurement):
 @pytest.mark.nightly  # half a minute; in each commit the maker of the page is installed as a package, and writes
 def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path):
     files = followed(MAKER, tmp_path)
+    reinstalled(tmp_path)
     checked(tmp_path, files)
     tests = ("tests/analysis/apps/makers/test_acme.py", "tests/analysis/apps/programs/test_paths.py")
     assert "26 passed" in output(tmp_path, *PYTEST, "-m", "nightly or not nightly", "-k", "acme", *tests)

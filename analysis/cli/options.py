@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 import typer
 
 from analysis.cli import completion
-from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, maker_named
+from rigs.makers import MAKERS, maker_named
+from rigs.schema.vocabulary import Direction, MakerName, direction_of
 from rigs.text import enumerated
 
 

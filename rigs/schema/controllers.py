@@ -14,6 +14,8 @@ class Practice:
     own_constants: Literal["always", "option"]
     source: str
     get: str
+    are_entered: bool = False
+    """True if the constants are those of the data sheet until a person enters others."""
 
 
 _PAIRS = "20 rows of joint angles and flange pose from the pendant"
@@ -31,7 +33,9 @@ PRACTICE: dict[str, Practice] = {
     "kuka": Practice("option", "KUKA, option High Accuracy (absolutely accurate robot, PID file)", _PAIRS),
     "abb": Practice("option", "ABB, option Absolute Accuracy (3HAC050798, Configuring motion, moc.cfg)", _PAIRS),
     "fanuc": Practice("option", "FANUC, option iRCalibration Signature", _PAIRS),
-    "linuxcnc": Practice("always", "LinuxCNC, kins(9): the pins of genserkins in a HAL file", "the INI file"),
+    "linuxcnc": Practice(
+        "always", "LinuxCNC, kins(9): the pins of genserkins in a HAL file", "the INI file", are_entered=True
+    ),
     "yaskawa": Practice("option", "Yaskawa, option absolute calibration (ABSO), file ABSO.DAT", _PAIRS),
 }
 

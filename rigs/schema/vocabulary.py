@@ -51,43 +51,7 @@ def direction_of(word: str) -> Direction | None:
 
 
 MakerName = str
-"""Name of a controller maker: from MAKERS, or offered by a package."""
-_ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
-    "ur": ("universalrobots",),
-    "fanuc": (),
-    "kuka": (),
-    "abb": (),
-    "yaskawa": ("motoman",),
-    "linuxcnc": (),
-}
-"""Makers supported for programs and corrections, with other names of their arms."""
-MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
-
-
-def offered_makers() -> dict[MakerName, str]:
-    offers = ENTRY_POINTS.select(group="rig.makers")
-    return {offer.name: offer.value for offer in sorted(offers) if offer.name not in MAKERS}
-
-
-def makers() -> tuple[MakerName, ...]:
-    return (*MAKERS, *offered_makers())
-
-
-def maker_named(word: str) -> MakerName | None:
-    """Maker for a common spelling: UR, Universal Robots and UR10e are ur; None for other words."""
-    named = {_letters(maker): maker for maker in offered_makers()}
-    named |= {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
-    names = [name for name in named if _letters(word).startswith(name)]
-    return named[max(names, key=len)] if names else None
-
-
-def _letters(word: str) -> str:
-    return "".join(char for char in word.casefold() if char.isalnum())
-
-
-def maker_of(interface: str) -> MakerName | None:
-    return next((maker for maker in makers() if f"{interface}_".startswith(f"{maker}_")), None)
-
+"""Name of a maker of controllers (rigs/makers.py)."""
 
 Build = Literal["industrial", "light", "torque_sensing", "servo"]
 """Design of an arm, which determines typical sizes of effects: reducers of industrial arms, strain-wave gears of light

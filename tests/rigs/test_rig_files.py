@@ -11,9 +11,9 @@ from daq.acquisition.streams import streams_of
 from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
+from rigs.makers import MAKERS
 from rigs.problems import RigFileError
 from rigs.schema.probe import Certificate
-from rigs.schema.vocabulary import MAKERS
 from tests.support.command_line import ran
 from tests.support.refusals import refused
 

@@ -3,7 +3,7 @@
 import pytest
 
 from analysis.apps.report.texts import LANGUAGES
-from rigs.schema.vocabulary import MAKERS
+from rigs.makers import MAKERS
 
 in_every_language = pytest.mark.parametrize("language", LANGUAGES)
 for_every_maker = pytest.mark.parametrize("dialect", MAKERS)

@@ -40,6 +40,7 @@ from rigs.arms import arm_names, load_arm
 from rigs.errors import CellError, FileError, UseError
 from rigs.files import read_text
 from rigs.load import parse
+from rigs.makers import maker_of
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Touch
@@ -56,7 +57,7 @@ from rigs.schema.limits import (
 from rigs.schema.links import tcp_address
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
-from rigs.schema.vocabulary import DRIVEN_AXES, TEST_WITHOUT_GAUGES, Build, MeasuredBy, maker_of
+from rigs.schema.vocabulary import DRIVEN_AXES, TEST_WITHOUT_GAUGES, Build, MeasuredBy
 from rigs.text import as_argument, numbers_in, plain, the_same
 from rigs.yaml_text import flow, read_yaml
 

@@ -14,7 +14,8 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import Anyway, AsJson, Calibration, maker_option
 from analysis.cli.several import end_with_errors, with_controller
-from rigs.schema.vocabulary import DrivenTest, MakerName, maker_of
+from rigs.makers import maker_of
+from rigs.schema.vocabulary import DrivenTest, MakerName
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -264,10 +265,10 @@ def _say_next(
     """
     rig, file = corrections.rig, as_argument(rig_file)
     if maker is None and rig.takes_programs and rig.controller != "unknown" and not settled:
-        likeliest, *others = rig.makers
-        directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
+        first, *others = rig.makers
+        directory_for = as_argument(directory.with_name(f"{directory.name}-{first}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
-        say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
+        say(f"next: rig correct {file} --for {first} -o {directory_for}  # {alternatives}", err=True)
         say("      or with --program FILE --points computed your own programs; never both", err=True)
     if corrections.path:
         given = corrections.path[0].name

@@ -19,9 +19,10 @@ from analysis.apps.makers.reading import MOST_BYTES, program_texts
 from analysis.robot.kinematics.arm import Array, arm_of
 from rigs.errors import FileError
 from rigs.files import read_text
+from rigs.makers import MAKERS, maker_of
 from rigs.rig import Rig
 from rigs.schema.feedback import signal_of_outputs
-from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName, maker_of, makers
+from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName
 from rigs.yaml_text import read_yaml
 
 _SHORTEST = 8
@@ -122,7 +123,7 @@ class Pendant:
             raise FileError.of_os(path, error, "check the path and the permissions", code="file.unreadable") from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
-        before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))
+        before = self._of(next((candidate for candidate in MAKERS if candidate == name), None), str(path))
         self.controller = before.entered(corrections, str(path))
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 

@@ -12,7 +12,7 @@ Writer, reader and driver are independent implementations of the maker's manual,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from rigs.errors import UseError
-from rigs.schema.vocabulary import MAKERS, MakerName, makers, offered_makers
+from rigs.makers import MAKERS, PACKAGES
+from rigs.schema.vocabulary import MakerName
 
 if TYPE_CHECKING:
     from analysis.apps.makers.emulated import ProgramDriver
@@ -136,7 +137,7 @@ class _PackageValue(Generic[T]):
                     f"choose a different maker, or add {place} to the package",
                     code="maker.unknown",
                 ) from None
-            if maker.name in MAKERS:
+            if place.startswith(f"{__name__}."):  # a defect of rig, not of an installed package
                 raise
             raise UseError(
                 maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}", code="package.missing"
@@ -165,27 +166,28 @@ class Maker:
 
 def maker_by(name: MakerName) -> Maker:
     """Raises UseError if neither rig nor an installed package provides the maker."""
-    package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
-    if package is None:
+    if name not in PACKAGES:
         raise UseError(
-            name, "is not a known maker of controllers", f"choose from {', '.join(makers())}", code="maker.unknown"
+            name, "is not a known maker of controllers", f"choose from {', '.join(MAKERS)}", code="maker.unknown"
         )
-    return Maker(name, package)
+    return Maker(name, PACKAGES[name])
 
 
 def maker_of_file(name: str | Path) -> Maker | None:
     """Find the maker by the suffix of a file; None if it is no robot program."""
     suffix = Path(name).suffix.lower()
-    for maker in map(maker_by, makers()):
+    return next((maker for maker, files in _makers_with_files() if suffix in files.suffixes), None)
+
+
+def _makers_with_files() -> Iterator[tuple[Maker, ProgramFiles]]:
+    for maker in map(maker_by, MAKERS):
         with suppress(UseError):  # An external package that cannot be imported has no files.
-            if suffix in maker.files.suffixes:
-                return maker
-    return None
+            yield maker, maker.files
 
 
 def remedy_for(name: str | Path) -> str:
     suffix = Path(name).suffix.lower()
-    for files in (maker_by(maker).files for maker in MAKERS):
+    for _, files in _makers_with_files():
         if suffix and suffix == files.unread:
             return f"give the same program as {files.suffixes[0]}, which the controller ({files.label}) writes as text"
     return f"give a program {suffixes_in_words()}"
@@ -194,6 +196,6 @@ def remedy_for(name: str | Path) -> str:
 def suffixes_in_words() -> str:
     *first, last = (
         f"{' or '.join(files.suffixes)}{f' with its {files.data}' * bool(files.data)} ({files.label})"
-        for files in (maker_by(name).files for name in MAKERS)
+        for _, files in _makers_with_files()
     )
     return f"{', '.join(first)} or {last}"

@@ -49,7 +49,7 @@ from analysis.runs.loading import load_measured
 from analysis.runs.written_files import write_csv, write_parquet, write_xlsx
 from rigs.distribution import version
 from rigs.errors import RigError
-from rigs.schema.vocabulary import makers
+from rigs.makers import MAKERS
 
 NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어"}
 
@@ -177,7 +177,7 @@ class _Pages:
         references = await run_in_threadpool(references_of, directories)
         return self._page(
             request, "session.html", has_session=place is not None, said=session_lines,
-            makers=makers() if is_new else (), reference=references[0] if references else None,
+            makers=MAKERS if is_new else (), reference=references[0] if references else None,
         )  # fmt: skip
 
     def session_report(self, request: Request) -> Response:

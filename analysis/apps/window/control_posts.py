@@ -21,7 +21,8 @@ from analysis.runs.stands import FLICKER_DEG
 from analysis.runs.tables import joint_columns
 from daq import clock
 from rigs.errors import CellError, FileError, UseError
-from rigs.schema.vocabulary import MakerName, makers
+from rigs.makers import MAKERS
+from rigs.schema.vocabulary import MakerName
 from rigs.text import plain
 
 _TAIL_BYTES = 4096
@@ -55,7 +56,7 @@ class WindowControls:
             case "restart":
                 watcher.view = watcher.view.restarted()
             case "session":
-                maker = next((known for known in makers() if known == form.get("maker")), None)
+                maker = next((known for known in MAKERS if known == form.get("maker")), None)
                 return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
                 kind, _, step = action.partition("-")

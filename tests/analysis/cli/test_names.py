@@ -9,7 +9,7 @@ from analysis.cli.options import operator_or_user
 from daq.store import durable
 from rigs.errors import FileError
 from rigs.load import SHIPPED, find, names_a_cell
-from rigs.schema.vocabulary import maker_named
+from rigs.makers import maker_named
 from tests.support.command_line import errors_of, ran, succeeded
 from tests.support.refusals import refused
 

@@ -24,10 +24,10 @@ import yaml
 
 from analysis.apps.session.session_state import Aim, SessionDirectory
 from rigs.load import load
-from rigs.schema.vocabulary import MAKERS
 from tests.support.trial import Trial, main
 
 ARMS = ("paper-fanuc", "ur10e-cell")
+MAKERS = ("ur", "fanuc", "kuka", "abb", "yaskawa", "linuxcnc")  # this order belongs to the published seeds
 AT_ROBOT = ("stop", "pause", "other", "twice", "late")
 """Actions of the operator: stop or pause a program, start a wrong one, start it twice, or come late."""
 AT_COMPUTER = ("kill", "interrupt", "kill_rigd", "by_hand", "stranger")

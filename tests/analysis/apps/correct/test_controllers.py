@@ -13,7 +13,8 @@ from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.makers import maker_by
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkGeometry
-from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
+from rigs.makers import MAKERS, maker_of
+from rigs.schema.vocabulary import MakerName
 from tests.support.command_line import failure_of, ran, succeeded
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 from tests.support.stated_controller import load

@@ -27,7 +27,8 @@ from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.kinematics.newton import newton
 from rigs.effects import JointOffset
 from rigs.errors import FileError
-from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
+from rigs.makers import MAKERS
+from rigs.schema.vocabulary import DrivenTest, MakerName
 from tests.support.command_line import errors_of, succeeded
 from tests.support.refusals import refused
 from tests.support.stated_controller import load

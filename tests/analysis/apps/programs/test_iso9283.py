@@ -9,9 +9,9 @@ import pytest
 from analysis.apps.makers.emulated import LinearMove, PointToPointMove, Round, Waited
 from analysis.apps.programs.planned import cube_plan, path_plan
 from analysis.robot.geometry.iso_cube import cube_of
+from rigs.makers import MAKERS
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
-from rigs.schema.vocabulary import MAKERS
 from tests.support.changed_rigs import with_tests
 from tests.support.every import for_every_maker
 from tests.worlds.arms.iso_plain import cube_places

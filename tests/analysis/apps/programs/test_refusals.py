@@ -6,7 +6,8 @@ import pytest
 from analysis.apps.makers import maker_by, maker_of_file
 from analysis.apps.makers.emulated import ProgramError
 from analysis.apps.programs.planned import plans_of
-from rigs.schema.vocabulary import MAKERS, MakerName
+from rigs.makers import MAKERS
+from rigs.schema.vocabulary import MakerName
 from tests.support.every import for_every_maker
 from tests.worlds.interpreters.arms import rig_of
 from tests.worlds.interpreters.driven import files_of, run

@@ -9,7 +9,7 @@ from analysis.apps.session.session_plan import BY_HAND, FIXED, minutes_of, plann
 from analysis.apps.session.session_state import Emulated, SessionDirectory, Try
 from daq.store import durable
 from rigs.load import load
-from rigs.schema.vocabulary import MAKERS
+from rigs.makers import MAKERS
 from tests.support.command_line import errors_of, failure_of, json_of, succeeded
 from tests.support.refusals import refused
 from tests.support.session_cell import begun, cell_file
