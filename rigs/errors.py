@@ -11,7 +11,7 @@ import copyreg
 import re
 from typing import Any, Literal, Self
 
-from rigs.text import plain
+from rigs.text import escape_text
 
 _LONGEST = 1000
 Undrivable = Literal["limits", "speed", "singularity", "reach"]
@@ -55,7 +55,7 @@ class RigError(Exception):
         text = f"{where}: {what}; {remedy}"
         if len(text) > _LONGEST:
             text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
-        super().__init__(plain(text))
+        super().__init__(escape_text(text))
         self.where, self.what, self.remedy = where, what, remedy
         if code:
             self.code = code

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 
-def plain(text: str) -> str:
+def escape_text(text: str) -> str:
     """Text in a single line with unprintable characters escaped."""
     if text.isprintable():
         return text
@@ -36,18 +36,18 @@ def forget_width_of_0() -> None:
         del os.environ["COLUMNS"]
 
 
-def plain_lines(text: str) -> str:
-    return "\n".join(map(plain, text.split("\n")))
+def escape_lines(text: str) -> str:
+    return "\n".join(map(escape_text, text.split("\n")))
 
 
-def plain_values(value: Any) -> Any:
+def escape_values(value: Any) -> Any:
     match value:
         case str():
-            return plain(value)
+            return escape_text(value)
         case dict():
-            return {plain(key): plain_values(item) for key, item in value.items()}
+            return {escape_text(key): escape_values(item) for key, item in value.items()}
         case list() | tuple():
-            return [plain_values(item) for item in value]
+            return [escape_values(item) for item in value]
     return value
 
 

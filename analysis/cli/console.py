@@ -20,12 +20,12 @@ import typer
 
 from rigs.errors import RigError
 from rigs.signals import COMPLETED, REPLACED
-from rigs.text import plain
+from rigs.text import escape_text
 
 
 def say(line: object, *, err: bool = False, mark: str = "") -> None:
     """Print a line. mark: text of the program before the line, which may contain colours."""
-    typer.echo(mark + plain(str(line)), err=err)
+    typer.echo(mark + escape_text(str(line)), err=err)
 
 
 def say_written(paths: Iterable[Path]) -> None:
@@ -98,13 +98,13 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
         transient=True,
         redirect_stdout=False,
     ) as shown:
-        task = shown.add_task(plain(doing), total=None)
-        yield lambda doing: shown.update(task, description=plain(doing))
+        task = shown.add_task(escape_text(doing), total=None)
+        yield lambda doing: shown.update(task, description=escape_text(doing))
 
 
 def rewrite_line(words: str) -> None:
     """Replace the current line of the terminal by a text, cut to the width."""
-    shown = plain(words)[: shutil.get_terminal_size().columns - 1]
+    shown = escape_text(words)[: shutil.get_terminal_size().columns - 1]
     sys.stderr.write(f"\r\x1b[K{shown}")
     sys.stderr.flush()
 

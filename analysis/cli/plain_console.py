@@ -11,7 +11,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 
 
 class PlainConsole(Console):
@@ -24,12 +24,12 @@ class PlainConsole(Console):
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Text in the layout of rich, made plain before, so that the column widths fit."""
-        return super().render_str(plain_lines(text), **options)
+        return super().render_str(escape_lines(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Segments to show; here text of `Text` objects is made plain."""
         for segment in super().render(renderable, options):
-            yield segment if segment.control else segment._replace(text=plain_lines(segment.text))
+            yield segment if segment.control else segment._replace(text=escape_lines(segment.text))
 
 
 def right(heading: str | Text = "", **options: Any) -> Column:

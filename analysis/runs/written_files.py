@@ -24,7 +24,7 @@ from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_from
 from rigs.signals import REPLACED
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -212,14 +212,14 @@ def _in_sheet(sheet: Any, value: Any) -> Any:
     if isinstance(value, str):
         from openpyxl.cell import WriteOnlyCell  # noqa: PLC0415
 
-        cell = WriteOnlyCell(sheet, plain_lines(value))
+        cell = WriteOnlyCell(sheet, escape_lines(value))
         cell.data_type = "s"  # also for text that looks like a formula
         return cell
     return value if value is not None and math.isfinite(value) else None
 
 
 def _quoted(text: str) -> str:
-    text = no_formula(plain_lines(text))
+    text = no_formula(escape_lines(text))
     if any(mark in text for mark in ',"\n'):
         return '"' + text.replace('"', '""') + '"'
     return text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from rigs.text import plain_values
+from rigs.text import escape_values
 
 LONGEST_ANSWER = 1 << 20
 """The status of a cell with three streams has 3 kB."""
@@ -33,5 +33,5 @@ def read_answer(command: str, line: bytes) -> dict[str, Any]:
         raise ValueError(f"{missing[0]} is missing")
     if command == "metrics" and answer["ok"]:
         return answer  # several lines, each sanitised when printed
-    plain: dict[str, Any] = plain_values(answer)
+    plain: dict[str, Any] = escape_values(answer)
     return plain

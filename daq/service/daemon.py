@@ -39,7 +39,7 @@ from rigs.errors import CellError, RigError, UseError
 from rigs.rig import Rig
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES
-from rigs.text import plain, plain_lines
+from rigs.text import escape_lines, escape_text
 
 
 def notify(message: str) -> None:
@@ -50,7 +50,7 @@ def notify(message: str) -> None:
     if address.startswith("@"):
         address = "\0" + address[1:]
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
-        sock.sendto(plain_lines(message).encode(), address)
+        sock.sendto(escape_lines(message).encode(), address)
 
 
 MOST = 20
@@ -161,7 +161,7 @@ class Daemon:
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", self._rig.name, ports, self._socket_path)
-        notify(f"READY=1\nSTATUS=reading {plain(ports)}")
+        notify(f"READY=1\nSTATUS=reading {escape_text(ports)}")
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
         """Stop all parts in order, the control socket first, so that clients cannot start a recording afterwards.
@@ -290,7 +290,7 @@ def _text_in(request: Mapping[str, Any], key: str) -> str:
     if not isinstance(text, str):
         problem, remedy = f"{key} {_short(text)} must be text", "send the name of the run and the problem"
         raise UseError("judged", problem, remedy, code="request.invalid")
-    return plain(text[:_MOST_SAID])
+    return escape_text(text[:_MOST_SAID])
 
 
 def _label(request: dict[str, Any]) -> RunLabel:

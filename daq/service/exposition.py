@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 
 Labels = Mapping[str, str]
 
@@ -35,7 +35,7 @@ def render(metrics: Iterable[Metric]) -> str:
 
 
 def _escaped(text: str) -> str:
-    return plain_lines(text).replace("\\", r"\\").replace("\n", r"\n")
+    return escape_lines(text).replace("\\", r"\\").replace("\n", r"\n")
 
 
 def _number(value: float) -> str:

@@ -17,7 +17,7 @@ from datetime import datetime
 from typing import Any
 
 from rigs.errors import CellError
-from rigs.text import plain, plain_lines
+from rigs.text import escape_lines, escape_text
 
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
@@ -48,11 +48,11 @@ class _PlainFormatter(logging.Formatter):
     """A message cannot forge a second line; only a traceback has several lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
-        record.message = plain(record.message)
+        record.message = escape_text(record.message)
         return super().formatMessage(record)
 
     def formatException(self, ei: Any) -> str:  # noqa: N802
-        return plain_lines(super().formatException(ei))
+        return escape_lines(super().formatException(ei))
 
 
 class _JournalFormatter(_PlainFormatter):
@@ -72,7 +72,7 @@ class JournalEntry:
     text: str
 
 
-def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[JournalEntry]:
+def read_journal(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[JournalEntry]:
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
         remedy = "a manually started rigd logs to its terminal"

@@ -24,7 +24,7 @@ from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
 from rigs.load import load
 from rigs.signals import end_from, ignore_interrupts
-from rigs.text import forget_width_of_0, plain
+from rigs.text import escape_text, forget_width_of_0
 
 app = typer.Typer(
     add_completion=False,
@@ -90,13 +90,13 @@ def rigd(
         daemon.start()
     except RigError as error:
         for line in error.lines():
-            typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)
+            typer.echo(journal.with_severity(f"error: {escape_text(line)}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
     end = end_from(ends)
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
-        typer.echo(f"The recording was interrupted, but all data are safe: {plain(str(cut_short))}", err=True)
+        typer.echo(f"The recording was interrupted, but all data are safe: {escape_text(str(cut_short))}", err=True)
     raise typer.Exit(end.exit_code)
 
 

@@ -147,7 +147,7 @@ def reopen(path: Path) -> int:
     return os.open(path, os.O_RDWR)
 
 
-def read(fd: int) -> bytes:
+def read_all(fd: int) -> bytes:
     """All bytes of an open file, even if its name was removed."""
     data = b""
     while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):

@@ -171,7 +171,7 @@ class StreamWriter:
         chunk.end()
         if not chunk.is_synced:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
-        salvaged = salvage(durable.read(chunk.fd), self.schema)  # works even if the file name is gone
+        salvaged = salvage(durable.read_all(chunk.fd), self.schema)  # works even if the file name is gone
         if salvaged.damage or salvaged.rows != chunk.rows:
             raise OSError(errno.EIO, f"{chunk.path.name} cannot be read back: {salvaged.damage or 'short'}")
         return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)

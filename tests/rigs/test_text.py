@@ -2,26 +2,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigs.text import counted, plain, plain_lines, plain_values
+from rigs.text import counted, escape_lines, escape_text, escape_values
 
 
 @given(st.text())
 def test_plain_text_is_printable_and_idempotent(text):
-    shown = plain(text)
+    shown = escape_text(text)
     assert shown.isprintable() and shown.encode().decode() == shown
-    assert plain(shown) == shown
+    assert escape_text(shown) == shown
     assert text.isprintable() == (shown == text)
-    assert plain_lines(text).count("\n") == text.count("\n")
+    assert escape_lines(text).count("\n") == text.count("\n")
 
 
 def test_nothing_is_hidden():
-    assert plain("a\x1b[2J\n\u202eb\ud800\x9b") == r"a\x1b[2J\n\u202eb\ud800\x9b"
-    assert plain("größe µ φ ✗ 机") == "größe µ φ ✗ 机"
-    assert plain_lines("a\r\nb") == "a\\r\nb"
+    assert escape_text("a\x1b[2J\n\u202eb\ud800\x9b") == r"a\x1b[2J\n\u202eb\ud800\x9b"
+    assert escape_text("größe µ φ ✗ 机") == "größe µ φ ✗ 机"
+    assert escape_lines("a\r\nb") == "a\\r\nb"
 
 
 def test_the_texts_in_json_are_plain():
-    assert plain_values({"\x07": ["\n", {"a": "b"}], "n": 1.5, "no": None}) == {
+    assert escape_values({"\x07": ["\n", {"a": "b"}], "n": 1.5, "no": None}) == {
         r"\x07": [r"\n", {"a": "b"}],
         "n": 1.5,
         "no": None,

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.apps.correct.corrected_constants import joint_zeros, link_constants
 from analysis.apps.planning import plan_report
-from analysis.apps.report.diagnosis_words import plain, size
+from analysis.apps.report.diagnosis_words import plain_name, size
 from analysis.correction.support import supports
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.given import given_effects, parse_effects
@@ -147,10 +147,10 @@ def diagnosed(name: str) -> None:
     (effect,) = found.effects
     near(effect, fault(name), 5 * found.sd(0)[size_field(effect)])
     named = Named(effect, found.sd(0), 1.0, (), 1.0, effect.remedy(), 1.0, True, None)
-    told = (plain(RIG, effect), size(named), effect.remedy(), name_of(effect), effect.idle)
+    told = (plain_name(RIG, effect), size(named), effect.remedy(), name_of(effect), effect.idle)
     assert all(words and "{" not in words and "\n" not in words for words in told), told
     if "axis" in type(effect).model_fields:
-        assert "axis 2 (W)" in plain(RIG, effect) or fault(name).seat[0] != "2"
+        assert "axis 2 (W)" in plain_name(RIG, effect) or fault(name).seat[0] != "2"
 
 
 def corrected(name: str) -> None:

@@ -23,7 +23,7 @@ _NOTE = (
 _MOST_REASONS = 5
 
 
-def answer_of(judged: Sequence[Certified]) -> list[Block]:
+def certificate_answer(judged: Sequence[Certified]) -> list[Block]:
     now, after = (Counter(getattr(one, state).verdict for one in judged) for state in ("now", "corrected"))
     first, second = (
         f"{count['accept']} inside, {count['reject']} outside, {count['undecided']} undecided" for count in (now, after)
@@ -71,7 +71,9 @@ def _verdict(judged: Judged) -> str:
 
 def write_page(judged: Sequence[Certified], listed: Listed, path: Path, program: str, rig: str) -> None:
     picture = Figure("Features from above and from the side", _picture(judged, listed))
-    write_html(answer_page(f"Certificate of {program} on {rig}", [*answer_of(judged), picture], "en", boxed=1), path)
+    write_html(
+        answer_page(f"Certificate of {program} on {rig}", [*certificate_answer(judged), picture], "en", boxed=1), path
+    )
 
 
 def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:

@@ -135,7 +135,7 @@ def _drifts(runs: Path, rig: Rig) -> Sequence[Drift]:
 def _show(
     program: Path, rig: Rig, listed: Listed, judged: Sequence[Certified], errors: Sequence[RigError], *, as_json: bool
 ) -> None:
-    from analysis.apps.certify.certificate_report import answer_of
+    from analysis.apps.certify.certificate_report import certificate_answer
     from analysis.apps.report.blocks import say_answer
 
     # Points between the ends of a line have no line in the file.
@@ -150,7 +150,7 @@ def _show(
             "errors": [error.to_dict() for error in errors],
         })  # fmt: skip
     elif judged:
-        say_answer(answer_of(judged))
+        say_answer(certificate_answer(judged))
     if listed.postures and (stated := listed.postures.stated):
         source = "posture_deg in the rig file" if stated.source == "rig_file" else stated.source
         say(f"{program}: targets in the posture {stated.words} ({source})", err=True, mark="note: ")

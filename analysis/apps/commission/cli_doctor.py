@@ -12,7 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.completion import SERVED
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
-from rigs.text import plain
+from rigs.text import escape_text
 
 if TYPE_CHECKING:
     from daq.service.journal import JournalEntry
@@ -93,11 +93,11 @@ def logs(
     import contextlib
     from pathlib import Path
 
-    from daq.service.journal import read
+    from daq.service.journal import read_journal
 
     name = rig and Path(rig).name.removesuffix(".yaml")
     with contextlib.suppress(KeyboardInterrupt):
-        for entry in read(name, since, follow=follow):
+        for entry in read_journal(name, since, follow=follow):
             typer.echo(line(entry, named=rig is None))
 
 
@@ -108,7 +108,7 @@ def line(entry: JournalEntry, *, named: bool) -> str:
     word, colour = "", None
     if entry.severity <= WARNING:
         word, colour = ("error", "red") if entry.severity <= ERROR else ("warning", "yellow")
-    who = f"{plain(entry.rig):10} " if named else ""
-    text = plain(f"systemd: {entry.text}" if entry.by_systemd else entry.text)
+    who = f"{escape_text(entry.rig):10} " if named else ""
+    text = escape_text(f"systemd: {entry.text}" if entry.by_systemd else entry.text)
     styled = typer.style(f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd)
     return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}{styled}"

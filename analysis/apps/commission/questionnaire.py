@@ -58,7 +58,7 @@ from rigs.schema.links import tcp_address
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, TEST_WITHOUT_GAUGES, Build, MeasuredBy
-from rigs.text import as_argument, numbers_in, plain, the_same
+from rigs.text import as_argument, escape_text, numbers_in, the_same
 from rigs.yaml_text import flow, read_yaml
 
 _COLUMNS = 79
@@ -416,7 +416,7 @@ def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measur
         limits = own.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"})
     return rendered(
         "rig_file",
-        by=measured_by, today=today, name=name, source=plain(arm.source), keys=_keys, flow=flow,
+        by=measured_by, today=today, name=name, source=escape_text(arm.source), keys=_keys, flow=flow,
         robot=robot_text(
             arm.robot.model_copy(update={"tool": tool, "build": answers.build or arm.robot.build})
         ).rstrip(),

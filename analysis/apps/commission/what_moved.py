@@ -187,7 +187,7 @@ _MOST_CAUSES = 8
 """Number of causes listed; the JSON contains all."""
 
 
-def answer_of(moved: MovementResult, texts: Texts) -> list[Block]:
+def movement_answer(moved: MovementResult, texts: Texts) -> list[Block]:
     is_unmoved = moved.named is not None and moved.named.what == "nothing"
     rows = []
     for cause in moved.causes[:_MOST_CAUSES]:
@@ -212,7 +212,7 @@ def _at(point: Vector) -> str:
 
 def write_page(moved: MovementResult, path: Path, name: str, language: Language = "en") -> None:
     texts = texts_of(language)
-    write_html(answer_page(texts("check_title", name=name), answer_of(moved, texts), language, boxed=2), path)
+    write_html(answer_page(texts("check_title", name=name), movement_answer(moved, texts), language, boxed=2), path)
 
 
 def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:

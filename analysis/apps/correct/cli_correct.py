@@ -248,7 +248,7 @@ def _say_corrections(corrections: Corrections, stated: Frames, written: Sequence
     if as_json:
         say_json(correction_report.as_object(corrections, written))
     else:
-        say_answer(correction_report.answer_of(corrections))
+        say_answer(correction_report.correction_answer(corrections))
     rig, programs = corrections.rig, corrections.programs
     named = {name for program in programs for name in program.named} if programs else None
     for doubt in [*filter(None, [rig.controller_doubt]), *stated.doubts(named, rig.length_unit)]:

@@ -22,7 +22,7 @@ from analysis.apps.makers.reading import converted_mark_of, mark_of, with_remark
 from analysis.apps.programs.target_path import corrected_columns
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.blocks import as_object as blocks_object
-from analysis.apps.report.diagnosis_words import plain
+from analysis.apps.report.diagnosis_words import plain_name
 from analysis.apps.report.texts import ENGLISH, capital, joined
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.reasons import how_to_state_controller
@@ -53,7 +53,7 @@ _NOTHING = (
 _ONE = "Use only one: zeros and constants, or the parameters of the controller, or corrected targets."
 
 
-def answer_of(corrections: Corrections) -> list[Block]:
+def correction_answer(corrections: Corrections) -> list[Block]:
     """The advice, the effects with their use, the values to change, and the benefit."""
     rig, blocks = corrections.rig, list[Block]()
     if corrections.uses_model and (why := why_nothing(rig)):
@@ -65,7 +65,7 @@ def answer_of(corrections: Corrections) -> list[Block]:
         return [*blocks, *(block for program in corrections.programs for block in program_report.blocks(program))]
     wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
     if wrong:
-        names = ", ".join(plain(rig, effect) for effect in wrong)
+        names = ", ".join(plain_name(rig, effect) for effect in wrong)
         blocks.append(Sentence(ENGLISH("correct_check_first", names=names), "watch"))
     blocks.append(Sentence(_first(corrections), "strong"))
     if rig.calibrated:
@@ -91,7 +91,7 @@ def _effect(support: Support, rig: Rig) -> Row:
     quantity = quantity_of(support.effect, field, {field: support.u})
     value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
     use = Cell("not corrected", tone="watch") if support.use == "none" else Cell(support.use, tone="pass")
-    return plain(rig, support.effect), value, use, support.reason
+    return plain_name(rig, support.effect), value, use, support.reason
 
 
 def _changes(corrections: Corrections) -> Iterator[str]:
@@ -186,7 +186,7 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
     )  # fmt: skip
     yield from _posture_lines(corrections)
     rest = rest_effects(corrections.rig, corrections.effects)
-    words = {label_of(effect): plain(corrections.rig, effect) for effect in rest}
+    words = {label_of(effect): plain_name(corrections.rig, effect) for effect in rest}
     each = [f"{words[name]} {_small(mm)}" for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
     if each:
         yield ENGLISH("correct_path_rest", names=", ".join(each))
@@ -239,7 +239,11 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
             "posture": corrections.postures and corrections.postures.to_dict(),
             "error": targets.error and program_report.error_object(targets.error),
         }
-    return _contents(corrections) | {"path": path, "files": written, "blocks": blocks_object(answer_of(corrections))}
+    return _contents(corrections) | {
+        "path": path,
+        "files": written,
+        "blocks": blocks_object(correction_answer(corrections)),
+    }
 
 
 def _contents(corrections: Corrections) -> dict[str, Any]:
@@ -371,7 +375,7 @@ def controller_blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = F
         parts.append(Sentence(ENGLISH("entries_scale", scale=controller.scale, unit=controller.unit)))
     lines = [ENGLISH("entries_twins", names=", ".join(group)) for group in entries.twins]
     lines += [
-        ENGLISH("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}")
+        ENGLISH("entries_not_entered", name=plain_name(rig, effect), um=f"{um:.0f}")
         for effect, um in entries.not_entered
         if um >= _REPORTED_UM
     ]

@@ -57,7 +57,7 @@ class McapBag:
     _channels: dict[int, tuple[str, str]] = field(default_factory=dict)
 
     @property
-    def is_whole(self) -> bool:
+    def is_complete(self) -> bool:
         return self.data.endswith(MCAP_MAGIC)
 
     def messages(self) -> Iterator[BagMessage]:
@@ -135,7 +135,7 @@ class SqliteBag:
     data: bytes
     where: str
     has_checksums = False
-    is_whole = True
+    is_complete = True
 
     def messages(self) -> Iterator[BagMessage]:
         """Yield the messages in the order of reception. Raises sqlite3.Error for a database that is no intact bag."""
@@ -187,7 +187,7 @@ def file_of(path: Path) -> Path:
 
 
 def messages_of(bag: Bag) -> Iterator[BagMessage]:
-    if not bag.is_whole:
+    if not bag.is_complete:
         remedy = "copy the bag a second time, or repair an interrupted recording: mcap recover BAG -o REPAIRED"
         raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy, code="table.invalid")
     try:

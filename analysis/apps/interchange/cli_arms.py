@@ -13,7 +13,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
 from rigs.schema.vocabulary import Build
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 
 if TYPE_CHECKING:
     from analysis.apps.report.blocks import Block
@@ -86,7 +86,7 @@ def _write_section(text: str, output: Path | None) -> None:
     from analysis.runs.written_files import holding, write_new
 
     if output is None:
-        typer.echo(plain_lines(text), nl=False)
+        typer.echo(escape_lines(text), nl=False)
         return
     write_new(output, holding(text.encode()))
     say(f"wrote {output}", err=True)

@@ -24,7 +24,7 @@ from analysis.robot.description.ur_calibration import NOT_THE_CONTROLLERS
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, transform
 from rigs.errors import FileError, UseError
 from rigs.schema.robot import Pose, Robot
-from rigs.text import plain
+from rigs.text import escape_text
 
 Origin = tuple[float, float, float, float, float, float]
 """x, y, z in mm and roll, pitch, yaw in degrees."""
@@ -122,7 +122,7 @@ def _entry(T: Array) -> dict[str, float]:
 
 
 def _yaml(content: dict[str, object], remarks: Sequence[str]) -> str:
-    return "".join(f"# {plain(remark)}\n" for remark in remarks) + yaml.safe_dump(content, sort_keys=False)
+    return "".join(f"# {escape_text(remark)}\n" for remark in remarks) + yaml.safe_dump(content, sort_keys=False)
 
 
 def _frame(origin: Origin) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
-from analysis.apps.report.diagnosis_words import plain
+from analysis.apps.report.diagnosis_words import plain_name
 from analysis.correction.support import known_plays
 from analysis.correction.work import apart_mm, rms_um, work_angles
 from analysis.robot.kinematics.arm import Arm
@@ -92,7 +92,7 @@ class GeometricShare:
             moved += f" ({self.rig.calibrated.before_um:.0f} µm rms in the readings of the diagnosis)"
         if not self.left_out:
             return f"All of the model is geometry and is in this file: {moved}."
-        names = list(dict.fromkeys(plain(self.rig, effect) for effect in self.left_out))
+        names = list(dict.fromkeys(plain_name(self.rig, effect) for effect in self.left_out))
         listed = first_of(names, _MOST_LISTED, "; ")
         return f"Only the geometry is in this file: {moved}; {self.left_um:.1f} µm rms of it are ignored ({listed})."
 

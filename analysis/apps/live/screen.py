@@ -20,7 +20,7 @@ from analysis.cli.plain_console import bare_table, right
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.condition import CONDITION, condition_words
 from rigs.schema.vocabulary import FURTHER
-from rigs.text import plain
+from rigs.text import escape_text
 
 _GAUGES = ("g1", "g2")
 _COLOURS = ("bright_cyan", "bright_magenta")
@@ -81,7 +81,7 @@ def _parts(view: LiveView, zero_mm: tuple[float, float], width: int, height: int
 
 def _row(*parts: str | tuple[str, str]) -> Text:
     """A row that the edge of the terminal cuts off."""
-    styled = [(plain(part), "") if isinstance(part, str) else (plain(part[0]), part[1]) for part in parts]
+    styled = [(escape_text(part), "") if isinstance(part, str) else (escape_text(part[0]), part[1]) for part in parts]
     return Text.assemble(*styled, no_wrap=True, overflow="crop")
 
 

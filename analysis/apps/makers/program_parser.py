@@ -194,7 +194,7 @@ def _blanked(text: str, pattern: re.Pattern[str]) -> str:
     return pattern.sub(spaces, text.replace("\r\n", " \n").replace("\r", "\n"))
 
 
-def words(text: str) -> frozenset[str]:
+def word_set(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 

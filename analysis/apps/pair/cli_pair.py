@@ -134,7 +134,7 @@ def fit_two_arms(
     if as_json:
         say_json(result.to_dict())
     else:
-        say_answer(pair_report.answer_of(result, texts_of(lang)))
+        say_answer(pair_report.pair_answer(result, texts_of(lang)))
     written = []
     if page:
         write_html(pair_report.page_of(result, lang), page)

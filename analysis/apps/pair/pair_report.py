@@ -20,7 +20,7 @@ _CERTAIN = 2.0
 """Multiple of u above which a correction is listed."""
 
 
-def answer_of(result: PairResult, texts: Texts) -> list[Block]:
+def pair_answer(result: PairResult, texts: Texts) -> list[Block]:
     is_better = result.left_mm < result.before_mm
     head = texts("pair_calibrated" if is_better else "pair_not_calibrated", pair=result)
     base = (texts("pair_base", pair=result), texts("pair_value"), "± u", "")
@@ -70,7 +70,7 @@ def _constant_rows(result: PairResult) -> list[Row]:
 
 def page_of(result: PairResult, language: Language = "en") -> str:
     texts = texts_of(language)
-    return answer_page(texts("pair_title", pair=result), answer_of(result, texts), language)
+    return answer_page(texts("pair_title", pair=result), pair_answer(result, texts), language)
 
 
 def plan_answer(planned: PlannedTouches) -> list[Block]:

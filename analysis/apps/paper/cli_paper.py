@@ -27,7 +27,7 @@ def paper(
 ) -> None:
     """Simulate and evaluate the tests of the paper, and compare the figures with the published ones."""
 
-    from analysis.apps.paper.rows import answer_of, as_object, rows_of
+    from analysis.apps.paper.rows import as_object, paper_answer, rows_of
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from rigs.load import load
@@ -45,4 +45,4 @@ def paper(
     if as_json:
         say_json(as_object(rig, rows))
     else:
-        say_answer(answer_of(rig, rows))
+        say_answer(paper_answer(rig, rows))

@@ -301,7 +301,7 @@ SLIPS = (
 )
 
 
-def answer_of(rig: Rig, rows: Sequence[PaperRow]) -> list[Block]:
+def paper_answer(rig: Rig, rows: Sequence[PaperRow]) -> list[Block]:
     cells = []
     for row in rows:
         difference = "" if row.difference is None else f"{row.difference:+z.{row.digits}f}"

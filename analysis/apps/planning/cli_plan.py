@@ -141,7 +141,7 @@ def _plan_tests(rig_file: str, tests: str | None, runs: int, level: float, *, as
     if as_json:
         say_json(plan_report.as_object(planned))
     else:
-        say_answer(plan_report.answer_of(planned))
+        say_answer(plan_report.plan_answer(planned))
 
 
 def _propose(

@@ -44,7 +44,7 @@ _MOST_PAIRS = 6
 """Number of pairs listed for a group of effects that are hard to distinguish, hardest first."""
 
 
-def answer_of(plan: CapabilityOfTests) -> list[Block]:
+def plan_answer(plan: CapabilityOfTests) -> list[Block]:
     level = f"{plan.level:g} times their usual size."
     if plan.level == 1:
         level = "their usual size. Use --level for the level that a diagnosis found, or for an emulated arm."

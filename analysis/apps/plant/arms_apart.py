@@ -22,7 +22,7 @@ from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
-from rigs.text import plain
+from rigs.text import escape_text
 
 _POSTURES = 200
 """Chosen: they determine an rms to 5 %."""
@@ -58,7 +58,7 @@ class ArmsApart:
         poses = {"q_deg": self.q_deg, "apart_mm": self.apart_mm, "turned_deg": self.turned_deg}
         poses |= {"taught_mm": self.taught_mm, "u_mm": self.u_mm}
         rows = zip(*(values.tolist() for values in poses.values()), strict=True)
-        plain: dict[str, Any] = {
+        return {
             "arms": list(self.names),
             "rms_mm": rms(self.distance_mm),
             "max_mm": float(self.distance_mm.max()),
@@ -70,7 +70,6 @@ class ArmsApart:
             "doubts": list(self.doubts),
             "poses": for_json([dict(zip(poses, row, strict=True)) for row in rows]),
         }
-        return plain
 
 
 def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
@@ -133,9 +132,9 @@ def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
     return tuple({name: float(column[axis]) for name, column in columns.items()} for axis in range(first.axes))
 
 
-def answer_of(apart: ArmsApart) -> list[Block]:
+def arms_apart_answer(apart: ArmsApart) -> list[Block]:
     seen = apart.to_dict()
-    first, second = map(plain, apart.names)
+    first, second = map(escape_text, apart.names)
     u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"
     head = (
         f"The tool of {second} is {seen['rms_mm']:.3f} mm rms from that of {first} at the same joint angles, at most "

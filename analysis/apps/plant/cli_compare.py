@@ -95,7 +95,7 @@ def _is_arm(path: Path) -> bool:
 
 def _simulated(runs: Sequence[Path], unseen: Sequence[Path], rig_file: str | None, plot: Path | None) -> _Shown:
     import analysis
-    from analysis.apps.plant.comparison_report import answer_of, save_pictures
+    from analysis.apps.plant.comparison_report import comparison_answer, save_pictures
     from analysis.cli.console import progress_of
 
     with progress_of() as progress:
@@ -108,7 +108,7 @@ def _simulated(runs: Sequence[Path], unseen: Sequence[Path], rig_file: str | Non
             pictures = list(save_pictures(compared, plot))
         for path in pictures:
             say(path, err=True)
-    return compared.to_dict(), answer_of(compared)
+    return compared.to_dict(), comparison_answer(compared)
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path]) -> _Shown:
@@ -121,7 +121,7 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path]) -> _Shown:
 
 
 def _apart(first: Path, second: Path) -> _Shown:
-    from analysis.apps.plant.arms_apart import answer_of, arms_apart
+    from analysis.apps.plant.arms_apart import arms_apart, arms_apart_answer
     from analysis.cli.console import progress_of
     from analysis.runs.batch import distinct
     from rigs.load import find, load
@@ -130,19 +130,19 @@ def _apart(first: Path, second: Path) -> _Shown:
 
     with progress_of("comparing the arms"):
         apart = arms_apart(load(first)[0], load(second)[0])
-    return apart.to_dict(), answer_of(apart)
+    return apart.to_dict(), arms_apart_answer(apart)
 
 
 def _which_fits(arms: Sequence[Path], runs: Sequence[Path]) -> _Shown:
     import analysis
-    from analysis.apps.plant.fitting_arm import answer_of, fitting_arm
+    from analysis.apps.plant.fitting_arm import fitting_answer, fitting_arm
     from analysis.cli.console import progress_of
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
         progress("fitting both arms to the runs")
         fitting = fitting_arm(measured, [(str(arm), _rig_of(arm, measured)) for arm in arms])
-    return fitting.to_dict(), answer_of(fitting)
+    return fitting.to_dict(), fitting_answer(fitting)
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:

@@ -71,4 +71,4 @@ def fleet(
     else:
         from analysis.apps.report.blocks import say_answer
 
-        say_answer(report.answer_of(plant))
+        say_answer(report.fleet_answer(plant))

@@ -86,4 +86,4 @@ def history(
     else:
         from analysis.apps.report.blocks import say_answer
 
-        say_answer(report.answer_of(history_found))
+        say_answer(report.history_answer(history_found))

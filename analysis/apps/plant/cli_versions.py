@@ -33,7 +33,7 @@ def versions(
 
     Use rig compare to see the differences between two calibrations.
     """
-    from analysis.apps.plant.versions import answer_of, roll_back
+    from analysis.apps.plant.versions import roll_back, versions_answer
     from analysis.apps.plant.versions import versions as versions_in
     from analysis.apps.report.blocks import say_answer
 
@@ -49,6 +49,6 @@ def versions(
     if as_json:
         say_json({"versions": [version.to_dict() for version in versions_here]})
         return
-    say_answer(answer_of(versions_here))
+    say_answer(versions_answer(versions_here))
     if others := [version for version in versions_here if not version.in_use]:
         say(f"next: rig compare {as_argument(rig_file)} {as_argument(others[0].path)}", err=True)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from analysis.runs.written_files import Writer
 
 
-def answer_of(compared: Compared) -> list[Block]:
+def comparison_answer(compared: Compared) -> list[Block]:
     blocks = list[Block]()
     for comparison in compared.runs:
         figures, simulated = comparison.result.found.figures, comparison.simulated.figures

@@ -59,7 +59,7 @@ def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> Fi
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 
 
-def answer_of(fitting: FittingArm) -> list[Block]:
+def fitting_answer(fitting: FittingArm) -> list[Block]:
     better, head = fitting.better, "These runs do not distinguish the two arms."
     if better is not None:
         (worse,) = (fit for fit in fitting.fits if fit is not better)

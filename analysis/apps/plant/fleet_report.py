@@ -25,7 +25,7 @@ from analysis.runs.tabular import pick_fields
 from daq.store import durable
 from daq.store.chunk import storable
 from rigs.errors import FileError
-from rigs.text import counted, plain
+from rigs.text import counted, escape_text
 
 WORDS: dict[Attention, str] = {
     "beyond": "beyond a limit",
@@ -43,7 +43,7 @@ _ORDER = (
 )
 
 
-def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequence[str] = ()) -> list[Block]:
+def fleet_answer(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequence[str] = ()) -> list[Block]:
     """links: pages of robots. failed: pages that could not be written."""
     robots = fleet.robots
     counts = Counter(state.attention for state in robots)
@@ -52,9 +52,9 @@ def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequ
     for state in robots:
         some = "" if state.simulated == state.runs else f"{state.simulated} of {state.runs} "
         simulated = f"{some}simulated" if state.simulated else ""
-        name = plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}")
+        name = escape_text(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}")
         robot = Cell(name, (simulated,), link=(links or {}).get((state.folder, state.robot), ""))
-        worst = Cell(state.worst, (", ".join(state.tests), plain(", ".join(state.doubts))))
+        worst = Cell(state.worst, (", ".join(state.tests), escape_text(", ".join(state.doubts))))
         standing = Cell(WORDS[state.attention], tone=_TONES.get(state.attention, "watch"))
         rows.append((robot, standing, worst, state.trend, state.last[:10], f"{state.runs}"))
     heads = ("robot", "state", "figure closest to its limit", "what changed", "last run", "runs")
@@ -173,7 +173,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
         progress("drawing the pages of robots", done, len(fresh))
     links = {page.key: quote(f"{folder.name}/{page.path.name}") for page in pages if page.path.exists()}
     title = f"{fleet.directory.resolve().name or fleet.directory}: robots"
-    write_html(answer_page(title, answer_of(fleet, links, failed)), path)
+    write_html(answer_page(title, fleet_answer(fleet, links, failed)), path)
     return failed
 
 

@@ -21,7 +21,7 @@ from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from rigs.errors import FileError, UseError
 from rigs.schema.limits import Limit, Limits, Standing
-from rigs.text import counted, enumerated, plain
+from rigs.text import counted, enumerated, escape_text
 
 WATCHED = (
     *("band_deg", "circular_deviation_mm"),
@@ -217,8 +217,8 @@ def change_words(series: Series, change: Change) -> tuple[Quantity, str]:
 
 
 def movement_line(marked: MarkedCheck) -> str:
-    against = enumerated([plain(name) for name in marked.check.reference[:_MOST_NAMED]])
-    return f"{_day(marked.when)}, run {plain(marked.run)} compared with {against}: {plain(marked.check.answer)}"
+    against = enumerated(list(marked.check.reference[:_MOST_NAMED]))
+    return f"{_day(marked.when)}, " + escape_text(f"run {marked.run} compared with {against}: {marked.check.answer}")
 
 
 def origin(history: History) -> str:
@@ -256,7 +256,8 @@ def remarks(history: History) -> list[str]:
                 wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
     named = list(wild.items())[:_MOST_NAMED]
     lines += [
-        f"run {plain(name)} is an outlier and was not used to detect changes in {enumerated(of)}" for name, of in named
+        f"run {escape_text(name)} is an outlier and was not used to detect changes in {enumerated(of)}"
+        for name, of in named
     ]
     if len(wild) > _MOST_NAMED:
         lines.append(f"{len(wild) - _MOST_NAMED} further outliers were not used to detect changes")
@@ -272,7 +273,7 @@ def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
     if not runs:
         return []
     lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} ignored:"]
-    lines += [plain(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
+    lines += [escape_text(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
     if len(runs) > _MOST_NAMED:
         lines.append(f"  and {len(runs) - _MOST_NAMED} more, listed by --json")
     return lines

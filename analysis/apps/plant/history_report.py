@@ -36,7 +36,7 @@ _WIDTH = 20
 """Bars of a sparkline; each is the median of an equal share of the runs."""
 
 
-def answer_of(
+def history_answer(
     history: History, figures: Sequence[Figure] = (), left_out: int = 0, *, dated: bool = False
 ) -> list[Block]:
     """left_out: number of pictures left out. dated: add the times of runs."""
@@ -166,7 +166,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
         limit = f"; limit: {against_limit(series)}" if series.limit else ""
         caption = f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
         figures.append(Figure(caption, _picture(series, moved)))
-    answer = answer_of(history, figures, max(0, len(drawn) - _MOST), dated=True)
+    answer = history_answer(history, figures, max(0, len(drawn) - _MOST), dated=True)
     boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in answer) + bool(origin(history))
     title = f"{history.robot}: history"
     write_html(answer_page(title, answer, boxed=boxed, made_of=made_of, overview=overview), path)

@@ -21,7 +21,7 @@ from rigs.edit import extended
 from rigs.errors import FileError, RigError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.text import plain
+from rigs.text import escape_text
 
 _MOST = 10_000
 """More YAML files below a folder indicate the wrong folder."""
@@ -70,7 +70,7 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
     return sorted(versions, key=lambda version: (version.calibrated.date, str(version.path)), reverse=True)
 
 
-def answer_of(versions: Sequence[Version]) -> list[Block]:
+def versions_answer(versions: Sequence[Version]) -> list[Block]:
     if not versions:
         return [
             Sentence("This directory has no calibration of this robot. To write one: rig diagnose RUN… -o DIRECTORY")
@@ -81,7 +81,7 @@ def answer_of(versions: Sequence[Version]) -> list[Block]:
         left_out = "" if model.held_out_um is None else f"{model.held_out_um:.1f}"
         figures = (f"{len(model.runs)}", f"{model.before_um:.1f}", f"{model.calibrated_um:.1f}", left_out)
         verdict = "yes" if verdict_of(model) == "correct" else "no"
-        file = Cell(plain(str(version.path)), below=("in use",) if version.in_use else ())
+        file = Cell(escape_text(str(version.path)), below=("in use",) if version.in_use else ())
         rows.append((file, f"{model.date}", *figures, verdict))
     columns = ("rig file", "date", "runs", "before µm", "calibrated µm", "left out µm", "to correct by")
     return [Table(columns, tuple(rows), frozenset(range(1, len(columns))))]

@@ -27,7 +27,7 @@ from matplotlib.text import Text
 from analysis.apps.report.texts import Texts
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.tabular import pick_fields
-from rigs.text import plain_lines, plain_values
+from rigs.text import escape_lines, escape_values
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
 """Meaning of a line; determines colour, dash and symbol together, so that no meaning depends on colour only."""
@@ -202,7 +202,7 @@ def live(picture: Picture) -> dict[str, Any]:
         names += ["reach"] if picture.steps else []
         lines = [{name: _packed(value) for name, value in vars(line).items()} for line in picture.lines]
         contents = pick_fields(picture, *names) | {"lines": lines}
-    plain: dict[str, Any] = plain_values(contents)
+    plain: dict[str, Any] = escape_values(contents)
     return plain
 
 
@@ -241,7 +241,7 @@ class Sheet(Figure):
 
     def draw(self, renderer: RendererBase) -> None:
         for text in self.findobj(Text):
-            if isinstance(text, Text) and (shown := plain_lines(text.get_text())) != text.get_text():
+            if isinstance(text, Text) and (shown := escape_lines(text.get_text())) != text.get_text():
                 text.set_text(shown)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")

@@ -67,7 +67,7 @@ def analyse(
         end_with(worst_code(errors))
         return
     from analysis.apps.report.blocks import say_answer
-    from analysis.apps.report.run_answer import answer_of, as_object, compare
+    from analysis.apps.report.run_answer import as_object, compare, runs_answer
 
     truths = compare(results, truth) if truth else []
     if plot:
@@ -79,7 +79,7 @@ def analyse(
     if as_json:
         say_json(as_object(results, truths))
     else:
-        say_answer(answer_of(results, truths, each=each))
+        say_answer(runs_answer(results, truths, each=each))
     end_with(worst_code(errors))
 
 

@@ -120,12 +120,12 @@ def diagnose(
 def say_diagnosis(diagnosis: Diagnosis, output: Path | None, to: str = "found", *, as_json: bool) -> None:
     """output, to: see `with_commands_here`."""
     from analysis.apps.report.blocks import say_answer
-    from analysis.apps.report.diagnosis_answer import answer_of, plain_object
+    from analysis.apps.report.diagnosis_answer import diagnosis_answer, plain_object
 
     if as_json:
         say_json(plain_object(diagnosis))
     else:
-        say_answer(answer_of(with_commands_here(diagnosis, output, to=to)))
+        say_answer(diagnosis_answer(with_commands_here(diagnosis, output, to=to)))
 
 
 def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:

@@ -30,7 +30,7 @@ from analysis.apps.report.diagnosis_words import (
     micrometres,
     other_parameters,
     percent,
-    plain,
+    plain_name,
     remains_rows,
     runs_of,
     size,
@@ -123,7 +123,7 @@ def sections_of(
     return {key: [Heading(texts(name)), *blocks] for key, (name, given) in sections.items() if (blocks := list(given))}
 
 
-def answer_of(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> list[Block]:
+def diagnosis_answer(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> list[Block]:
     runs = counted(len(diagnosis.runs), "run")
     noise = "from repeats" if diagnosis.repeated else "from residuals" if diagnosis.shows_noise else "assumed"
     footer = f"{diagnosis.rig.name} · {runs} · noise {noise} · {diagnosis.seconds:.1f} s"
@@ -133,7 +133,7 @@ def answer_of(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> list[Block]:
 
 
 def plain_object(diagnosis: Diagnosis) -> dict[str, Any]:
-    return diagnosis.to_dict() | {"blocks": as_object(answer_of(diagnosis))}
+    return diagnosis.to_dict() | {"blocks": as_object(diagnosis_answer(diagnosis))}
 
 
 def _budget(words: AnswerWords) -> list[Block]:
@@ -327,7 +327,7 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> Stairs | None:
 def stairs_of_model(residual: LocatedResidual) -> Stairs | None:
     if residual.staircase is None:
         return None
-    parts = [*(plain(residual.rig, effect) for effect in residual.rig.effects), ENGLISH("step_calibration")]
+    parts = [*(plain_name(residual.rig, effect) for effect in residual.rig.effects), ENGLISH("step_calibration")]
     added = [parts[step.parts[0]] for step in residual.staircase.steps[1:]]
     return _stairs(residual.staircase, [ENGLISH("step_bare"), *added], has_u=True)
 

@@ -24,7 +24,7 @@ _UPPER_BOUND = 1 / 3
 """Ratio to u below which a figure is shown as an upper bound."""
 
 
-def plain(rig: Rig, effect: Effect) -> str:
+def plain_name(rig: Rig, effect: Effect) -> str:
     """`play of axis 1 (Theta)`."""
     axis = getattr(effect, "axis", None)
     return effect.plain("" if axis is None else rig.robot.axis_words(axis))

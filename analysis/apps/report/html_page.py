@@ -16,7 +16,7 @@ from analysis.runs.written_files import PDF_MARK, refuse_foreign
 from daq.store import durable
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, UseError
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +44,7 @@ def environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
 
     def plain(value: object) -> object:
-        return plain_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+        return escape_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
     return Environment(
         loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=plain,

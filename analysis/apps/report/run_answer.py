@@ -101,7 +101,7 @@ def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]
     return Table(titles, (*rows, *more), range(1, len(titles)), ranks, "stack")
 
 
-def answer_of(
+def runs_answer(
     results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
 ) -> list[Block]:
     """each: add a table with a column for each run, as truths always do."""

@@ -33,7 +33,7 @@ from starlette.responses import (
 from starlette.routing import Route
 
 from analysis.apps.commission.guided_touches import references_of
-from analysis.apps.commission.what_moved import answer_of
+from analysis.apps.commission.what_moved import movement_answer
 from analysis.apps.plant.history import label_of
 from analysis.apps.report.html_page import environment
 from analysis.apps.report.texts import LANGUAGES, Language
@@ -246,7 +246,7 @@ class _Pages:
             return self._page(request, "moved.html", check=None, references=touchable(self._window.shelf.directory))
         result, next_posture = check.result, check.result.next_posture
         return self._page(
-            request, "moved.html", check=check, answer=answer_of(result, texts),
+            request, "moved.html", check=check, answer=movement_answer(result, texts),
             targets=[] if next_posture is None else np.degrees(next_posture.angles).round(2).tolist(),
         )  # fmt: skip
 

@@ -23,7 +23,7 @@ from daq import clock
 from rigs.errors import CellError, FileError, UseError
 from rigs.makers import MAKERS
 from rigs.schema.vocabulary import MakerName
-from rigs.text import plain
+from rigs.text import escape_text
 
 _TAIL_BYTES = 4096
 
@@ -70,7 +70,7 @@ class WindowControls:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - _TAIL_BYTES))
             lines = file.read().decode("utf-8", "replace").splitlines()
-        return [plain(line) for line in lines[-30:]]
+        return [escape_text(line) for line in lines[-30:]]
 
     def close(self) -> None:
         with self._lock:

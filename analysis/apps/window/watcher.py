@@ -18,7 +18,7 @@ from analysis.apps.window.frames import summary
 from analysis.runs.tabular import for_json
 from daq.service.client import Client
 from rigs.errors import RigError
-from rigs.text import plain_values
+from rigs.text import escape_values
 
 
 class Board:
@@ -30,7 +30,7 @@ class Board:
         self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
-        text = json.dumps(plain_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+        text = json.dumps(escape_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
         data = f"event: {kind}\ndata: {text}\n\n".encode()
         version, before = self._news.get(kind, (0, b""))
         if data != before:

@@ -16,7 +16,7 @@ from rigs.errors import FileError
 from rigs.problems import plain_message
 from rigs.schema.robot import Pose, Rail, Robot, identity
 from rigs.schema.vocabulary import Build
-from rigs.text import plain
+from rigs.text import escape_text
 from rigs.yaml_text import flow
 
 _DECIMALS = 13
@@ -124,7 +124,7 @@ def checked_section(
         remedy = "correct it: the units are metres and radians"
         problem = f"{place}: {quantity} {plain_message(first, Robot)}"
         raise FileError(str(path), problem, remedy, code="urdf.invalid") from None
-    text = "".join(f"# {plain(line)}\n" for line in head) + section
+    text = "".join(f"# {escape_text(line)}\n" for line in head) + section
     robot = parsed(text)
     q = random_postures(robot)
     largest_mm, largest_rad = largest_difference(flange_poses(robot, q), source(q))

@@ -17,7 +17,7 @@ from daq.store.ledger import sha256
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 from tests.support.table_cases import RIG_FILE, TESTS, Rows, csv_text, plain, rig, rows_of
 from tests.support.written_runs import import_table
 
@@ -53,7 +53,7 @@ def test_a_table_goes_in_comes_out_and_comes_back_the_same(tmp_path, test, direc
         if name in known - WORDS:
             assert [float(text) for text in column] == [float(text) for text in rows[name]], name
         else:
-            assert list(column) == [plain_lines(text) for text in rows[name]], name
+            assert list(column) == [escape_lines(text) for text in rows[name]], name
     back = read_file(out, test, rig())
     manifest, stored, extra = load_manifest(run), read_run(run).table, [name for name in rows if name not in known]
     assert verify(run) == [] and recover(run).nothing_to_do
@@ -122,5 +122,5 @@ def test_extra_columns_hold_any_text(tmp_path_factory, texts):
     write_new(out, lambda sink: write_csv(table, sink))
     back = read_file(out, "pose", rig()).table
     assert back.drop_columns("extra").equals(table.drop_columns("extra"))
-    assert back["extra"].to_pylist() == [plain_lines(text) for text in rows["extra"]]
+    assert back["extra"].to_pylist() == [escape_lines(text) for text in rows["extra"]]
     assert all(line.isprintable() for line in out.read_text().split("\n"))

@@ -85,11 +85,11 @@ def _plain(text: str) -> str:
 @pytest.mark.skipif(not shutil.which("journalctl"), reason="no journalctl")
 def test_empty_journal_is_one_line():
     with refused("daemon.silent", "nothing in the journal visible to"):
-        list(journal.read("no-such-rig"))
+        list(journal.read_journal("no-such-rig"))
     with refused("daemon.silent", "nothing in the journal visible to"):
-        list(journal.read(None))
+        list(journal.read_journal(None))
     with refused("daemon.silent", "Failed to parse timestamp"):
-        list(journal.read(None, "whenever"))
+        list(journal.read_journal(None, "whenever"))
 
 
 def test_output_of_journalctl_is_read(tmp_path, monkeypatch):
@@ -99,8 +99,8 @@ def test_output_of_journalctl_is_read(tmp_path, monkeypatch):
     program.write_text(f"#!/bin/sh\necho \"$@\" >{tmp_path}/asked\ncat <<'END'\n{rows}\nEND\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    assert list(journal.read(None, "-1h")) == [journal.entry(WARNED), journal.entry(BY_SYSTEMD)]
+    assert list(journal.read_journal(None, "-1h")) == [journal.entry(WARNED), journal.entry(BY_SYSTEMD)]
     assert (tmp_path / "asked").read_text().endswith("--unit=rigd@*.service --since=-1h\n")
     monkeypatch.setenv("PATH", str(tmp_path / "nowhere"))
     with refused("daemon.silent", "the system has no journal"):
-        next(journal.read("cell"))
+        next(journal.read_journal("cell"))

@@ -12,7 +12,7 @@ from daq.protocol.conversation import NO_TIME, FaultKind, Sample
 from daq.service.exposition import Metric, render
 from daq.service.maintenance import Maintenance, write_atomically
 from rigs.errors import CellError
-from rigs.text import plain_lines
+from rigs.text import escape_lines
 from tests.support.nightly import examples
 from tests.support.simulated_bench import SimulatedBench
 
@@ -55,7 +55,7 @@ def test_any_label_is_read_back(examples):
     def holds(words: str, labels: dict[str, str], value: float) -> None:
         values = read(render([Metric("rig_x", "gauge", words, ((labels, value),))]))
         ((key, back),) = values.items()
-        assert key == ("rig_x", frozenset((label, plain_lines(text)) for label, text in labels.items()))
+        assert key == ("rig_x", frozenset((label, escape_lines(text)) for label, text in labels.items()))
         assert back == value or (math.isnan(back) and math.isnan(value))
 
     holds()

@@ -11,7 +11,7 @@ import re
 from typing import Literal
 
 from analysis.apps.makers.program_machine import OFF
-from analysis.apps.makers.program_parser import words
+from analysis.apps.makers.program_parser import word_set
 
 Effect = Literal["nothing", "arm", "external", "program", "data by name"]
 
@@ -20,7 +20,7 @@ EFFECTS: dict[Effect, frozenset[str]] = {
     # and storage of paths. Only the arguments can change: a tool, work object or point among them becomes unknown. This
     # is also the effect of conveyor tracking, which moves only the work object it names. Synchronised movements are
     # coordinated only in a work object that another unit moves, whose frame is unknown anyway.
-    "nothing": words("""
+    "nothing": word_set("""
         set reset setdo setao setgo pulsedo invertdo aliasio aliasioreset aliascamera bitclear bitset add incr decr
         clear comment
         waittime waitdi waitdo waituntil waitai waitao waitgi waitgo waitrob waitsynctask waittestandset waitsensor
@@ -64,16 +64,16 @@ EFFECTS: dict[Effect, frozenset[str]] = {
         setbrush setbrushfac settmsignal setbrushdo consolidate statesignal
         """),
     # The arm moves, or may be moved, to a place outside the targets of the program.
-    "arm": words("""
+    "arm": word_set("""
         egmrunpose egmrunjoint egmstop clearpath restopath pathrecmovebwd pathrecmovefwd setleadthrough stcalibmove
         hollowwristreset
         """),
-    "external": words("moveextj searchextj indamove indcmove inddmove indrmove indreset eoffson eoffsoff eoffsset"),
+    "external": word_set("moveextj searchextj indamove indcmove inddmove indrmove indreset eoffson eoffsoff eoffsset"),
     # Another program may be loaded, selected or run, or the configuration of the controller may change.
-    "program": words("""
+    "program": word_set("""
         load startload waitload unload callbyvar warmstart writecfgdata savecfgdata
         """),
-    "data by name": words("setdataval setalldataval"),
+    "data by name": word_set("setdataval setalldataval"),
 }
 
 EFFECT: dict[str, Effect] = {name: effect for effect, names in EFFECTS.items() for name in names}
@@ -100,7 +100,7 @@ MOVE = re.compile(
 TOOL_THIRD = re.compile(r"move(?:j|l|c)(?:do|ao|go|sync)")
 """Moves with more arguments after the tool."""
 
-FUNCTIONS = words("""
+FUNCTIONS = word_set("""
     offs reltool crobt cjointt cpos ctool cwobj calcrobt calcjointt posemult poseinv posevect defframe defdframe
     defaccframe orobt mirpos orientzyx eulerzyx norient distance dotprod vectmagn crossprod
     abs absdnum acos acosdnum asin asindnum atan atandnum atan2 atan2dnum cos cosdnum sin sindnum tan tandnum exp pow
@@ -126,7 +126,7 @@ FUNCTIONS = words("""
     ipers and or xor not if then elseif while for case test return from to step do
     """)
 """Functions of RAPID without side effects, and keywords that can precede a bracket."""
-WRITES = words("""
+WRITES = word_set("""
     strtoval unpackrawbytes testandset readrawbytes defaccframe getnextmechunit getsysdata getsysinfo readstrbin readstr
     readnum readbin readvar uimessagebox uinumentry uinumtune uialphaentry uilistview uidnumentry uidnumtune egmgetstate
     getnextsym getnextcyclicbool readdir

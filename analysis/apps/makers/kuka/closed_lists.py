@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Literal
 
-from analysis.apps.makers.program_parser import words
+from analysis.apps.makers.program_parser import word_set
 
 NOTHING = re.compile(
     r"\s*(?:INTERRUPT\s+(?:ON|OFF|ENABLE|DISABLE)|WAIT|HALT|BRAKE|CONTINUE|PULSE|ANOUT|ANIN|CWRITE|CREAD|COPEN|CCLOSE|"
@@ -54,13 +54,13 @@ _ROUTINES: dict[Effect, str] = {
 """Routines of the maker by what they can change: nothing; only their arguments; the position of the arm; or the
 position and, by the correction of a search, the base. H50 and GRP… are grippers, A10, A20 and ARC… arc welding,
 USERSPOT a spot gun, H70 TouchSense. Any other routine without a text can change everything."""
-_EFFECTS: dict[str, Effect] = {name: effect for effect, names in _ROUTINES.items() for name in words(names)}
-_WITHOUT_SEARCH = words("1 6 7 8")
+_EFFECTS: dict[str, Effect] = {name: effect for effect, names in _ROUTINES.items() for name in word_set(names)}
+_WITHOUT_SEARCH = word_set("1 6 7 8")
 """First arguments of H70 that only prepare and record a search, as in the INI fold of the pendant."""
-_USER_EDITED = words("USER_GRP USERSPOT")
+_USER_EDITED = word_set("USER_GRP USERSPOT")
 """Routines that the user may edit: their text counts, if it is available."""
-_FOLDERS = words("SYSTEM TP MADA STEU")
-_MODULES = words("BAS IR_STOPM P00 H50 H70 A10 A20 ARC_MAIN MSGLIB")
+_FOLDERS = word_set("SYSTEM TP MADA STEU")
+_MODULES = word_set("BAS IR_STOPM P00 H50 H70 A10 A20 ARC_MAIN MSGLIB")
 _OPENED = re.compile(r"\bCOPEN\s*\([^,()]*,\s*(\w+)\s*\)")
 
 

@@ -27,7 +27,7 @@ from analysis.apps.makers.program_machine import (
     Setting,
     Value,
 )
-from analysis.apps.makers.program_parser import arguments, brackets, words
+from analysis.apps.makers.program_parser import arguments, brackets, word_set
 from analysis.apps.makers.target import NamedFrame, Notice, ProgramTexts
 from analysis.robot.kinematics.arm import Array
 
@@ -58,7 +58,9 @@ _PARTS_OF = {
     "FDAT_ACT": (*_OF_FDAT.values(), "tool", "base"),
 }  # fmt: skip
 _BAS = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,([^()]*))?\)\s*")
-_BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC GROUP")
+_BAS_NOTHING = word_set(
+    "VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC GROUP"
+)
 ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(")
 _BESIDE = re.compile(r"\s*(?:(?:GLOBAL\s+)?INTERRUPT\s+DECL\b|TRIGGER\s+WHEN\b).*?\bDO\b(.*)")
 _LABEL = re.compile(r"\s*([A-Za-z_]\w*)\s*:\s*")

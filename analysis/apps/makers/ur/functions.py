@@ -6,7 +6,7 @@ Source: Universal Robots, Script Manual (e-Series, 5.x). A function that is not 
 from __future__ import annotations
 
 from analysis.apps.makers.program_machine import OFF
-from analysis.apps.makers.program_parser import words
+from analysis.apps.makers.program_parser import word_set
 
 SWITCHES = {
     "path_offset_enable": ("shift", "on"), "path_offset_disable": ("shift", OFF),
@@ -17,8 +17,8 @@ SWITCHES = {
     "freedrive_mode": ("tracking", "on"), "end_freedrive_mode": ("tracking", OFF),
     "teach_mode": ("tracking", "on"), "end_teach_mode": ("tracking", OFF),
 }  # fmt: skip
-ELSEWHERE = words("speedj speedl")
-NOTHING = words("""
+ELSEWHERE = word_set("speedj speedl")
+NOTHING = word_set("""
     acos asin atan atan2 ceil cos d2r exp floor log pow r2d random sin sqrt tan abs and or not xor norm point_dist
     pose_add pose_dist pose_inv pose_sub pose_trans wrench_trans interpolate_pose inv transpose normalize
     get_list_length length size make_list struct get_matrix_dim binary_list_to_integer integer_to_binary_list
@@ -68,8 +68,8 @@ NOTHING = words("""
     socket_send_int socket_send_line socket_send_string socket_set_var
     """)
 """Functions of the manual with no effect on arm, tool and base. `get_inverse_kin` is a target as argument of a move."""
-OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
-NO_TARGETS = words("""
+OF_LISTS = word_set("append clear excluding extend insert pop remove slice length size to_string")
+NO_TARGETS = word_set("""
     set_tcp force_mode path_offset_set is_within_safety_limits
     get_inverse_kin_has_solution track_conveyor_linear track_conveyor_circular wrench_trans set_base_acceleration
     """)

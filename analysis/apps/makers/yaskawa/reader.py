@@ -36,7 +36,7 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
-from analysis.apps.makers.program_parser import ProgramParser, numbers_in, words
+from analysis.apps.makers.program_parser import ProgramParser, numbers_in, word_set
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Flags, Form, NamedFrame, Notice, Parsed, ProgramTexts, Target
 from analysis.apps.makers.yaskawa.backup import TABLES, frames_in
@@ -65,7 +65,7 @@ _MODIFIERS = re.compile(
 _UNTIL = re.compile(r"\bUNTIL\b.*")
 _TRACKED = re.compile(r"\bCV#|\bSYNC\b")
 _FRAME = re.compile(r"(?P<word>MFRAME|SETTOOL|SETUFRAME|SETUF|SETFILE(?=.*\b(?:UF|TL)#))\b(?P<rest>.*)")
-_NOTHING = words("""
+_NOTHING = word_set("""
     NOP PAUSE TIMER DOUT DIN AOUT PULSE WAIT SET SETE SETR GETE GETS GETPOS CLEAR INC DEC ADD SUB MUL DIV MOD CNVRT
     MULMAT INVMAT AND OR NOT XOR SIN COS TAN ATAN SQRT SQRTS SPEED MSG PRINT ARCON ARCOF ARCSET ARCCTS ARCCTE WVON WVOF
     AWELD VWELD SVSPOT SVGUNCL GUNCL GUNCHG SVDRESSMV PWAIT CLOSE OPEN DIALOG DIALOGVAL SETUALM RSTUALM

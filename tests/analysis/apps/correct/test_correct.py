@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.correct.corrected_constants import joint_zeros, link_constants
-from analysis.apps.correct.correction_report import answer_of, write
+from analysis.apps.correct.correction_report import correction_answer, write
 from analysis.apps.report.texts import keys_of
 from analysis.correction.corrected_targets import CorrectedTargets, corrected
 from analysis.correction.support import supports
@@ -377,5 +377,5 @@ def test_a_value_to_check_in_the_controller_is_named_before_the_correction():
         (ZERO_3, False),
     ):
         corrections = correct_rig(_rig(effect), None)
-        first, *_ = answer_of(corrections)
+        first, *_ = correction_answer(corrections)
         assert (keys_of(first.text) == ("correct_check_first",)) == is_checked == ("axis 3" in first.text)

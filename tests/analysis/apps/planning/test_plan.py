@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.planning.detectability import plan
-from analysis.apps.planning.plan_report import answer_of
+from analysis.apps.planning.plan_report import plan_answer
 from analysis.diagnosis.fit.background import background_of
 from analysis.diagnosis.fit.candidates import HEALTHY, columns_for
 from analysis.diagnosis.fit.refine import refine
@@ -46,7 +46,7 @@ def _beside_a_hemisphere() -> list[PossibleTest]:
 
 def test_80_columns_hold_every_size_of_the_table_of_joints_whole():
     circle_alone = plan_without_further_tests()
-    joints = printed(answer_of(circle_alone)).partition("links")[2].partition("Other errors")[0]
+    joints = printed(plan_answer(circle_alone)).partition("links")[2].partition("Other errors")[0]
     assert "…" not in joints
     for one in circle_alone.detectabilities:
         if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from analysis.apps.plant.history import history_of, origin, sentences, simulated_runs
-from analysis.apps.plant.history_report import answer_of, as_object, write_page
+from analysis.apps.plant.history_report import as_object, history_answer, write_page
 from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import CircleLimits, Limit, Limits
@@ -52,7 +52,7 @@ def test_one_run_beyond_its_limit_is_no_story_over_time():
     history = history_of(collected(runs_at([0]), LIMITS))
     (line,) = sentences(history)
     assert "0.2 °: run lap-0 of 25 Nov 2026 has 0.2500 ± 0.0010 °" in line
-    shown = printed(answer_of(history), 100)
+    shown = printed(history_answer(history), 100)
     assert "value ± u" in shown and "since" not in shown
 
 
@@ -73,4 +73,4 @@ def test_simulated_runs_are_called_so(tmp_path, simulated, runs, begins):
     history = history_of(collected(runs_at(range(runs), simulated=simulated)))
     assert (origin(history), as_object(history)["origin"]) == (said, said)
     html = page_of(runs_at(range(runs), simulated=simulated), tmp_path / "page.html")
-    assert (said in printed(answer_of(history), 100)) and (said in html) and ("simulated" in html) == bool(said)
+    assert (said in printed(history_answer(history), 100)) and (said in html) and ("simulated" in html) == bool(said)

@@ -15,7 +15,7 @@ from analysis.apps.report.blocks import (
     Table,
     as_object,
 )
-from analysis.apps.report.diagnosis_answer import answer_of, sections_of, summary_blocks
+from analysis.apps.report.diagnosis_answer import diagnosis_answer, sections_of, summary_blocks
 from analysis.apps.report.html_page import environment
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, keys_of, texts_of
@@ -130,7 +130,7 @@ def test_an_unconfirmed_effect_has_its_reason_and_no_act():
 
 def test_terminal_page_and_json_show_the_same_texts():
     found = diagnosis("named", doubts=("a <i>doubt</i>",))
-    blocks = answer_of(found)
+    blocks = diagnosis_answer(found)
     plain = json.loads(json.dumps(as_object(blocks)))
     page = environment().from_string('{% from "blocks.html" import show %}{{ show(blocks) }}').render(blocks=blocks)
     screen = "".join(printed(blocks, 300).split())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from analysis.apps.report.diagnosis_answer import answer_of
+from analysis.apps.report.diagnosis_answer import diagnosis_answer
 from analysis.apps.report.diagnosis_report import require_empty, write
 from analysis.apps.report.diagnosis_words import micrometres, size, stretch, sure
 from analysis.apps.report.model_charts import picture, residual_charts
@@ -89,7 +89,7 @@ def test_unknown_values_are_null_and_a_dash():
     found = diagnosis(train=nothing, effects=(odd,), bands=left, levels={"others": np.float64(0.2)})
     told = found.to_dict()
     assert json.loads(json.dumps(told, allow_nan=False)) == told
-    assert "nan" not in printed(answer_of(found)) and micrometres(math.nan) == "–"
+    assert "nan" not in printed(diagnosis_answer(found)) and micrometres(math.nan) == "–"
     assert told["gap"]["train"]["before"] is None and told["effects"][0]["parameters"]["width_deg"]["sd"] is None
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from analysis import evaluate, evaluate_runs, load_run
 from analysis.apps.report.blocks import Table
-from analysis.apps.report.run_answer import answer_of, as_object, compare
+from analysis.apps.report.run_answer import as_object, compare, runs_answer
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import by_test
 from analysis.robot.kinematics.arm import arm_of, forward
@@ -33,7 +33,7 @@ def laps(tmp_path_factory):
 
 @pytest.mark.parametrize(("width", "abreast"), [(80, 2), (200, 4)])
 def test_as_many_runs_abreast_as_the_screen_holds_whole(laps, width, abreast):
-    shown = printed([block for block in answer_of(laps, each=True) if isinstance(block, Table)][1:], width)
+    shown = printed([block for block in runs_answer(laps, each=True) if isinstance(block, Table)][1:], width)
     assert max(map(len, shown.splitlines())) <= width
     for name in ("band_deg", "amplitude_deg"):
         assert all(str(result.figures[name]) in shown for result in laps)
@@ -57,7 +57,7 @@ def test_runs_of_other_poses_have_no_common_mean():
 
 
 def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps):
-    table = next(block for block in answer_of(laps) if isinstance(block, Table))
+    table = next(block for block in runs_answer(laps) if isinstance(block, Table))
     assert len(table.columns) == 4 and all("2" in column for column in table.columns[1:])
     answer = as_object(laps)
     (both,) = answer["acw_against_cw"]
