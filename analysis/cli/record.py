@@ -109,7 +109,7 @@ def status(rig: RigName = None, as_json: AsJson = False) -> None:
         say_json(state)
         return
 
-    from analysis.cli.listings import screen
+    from analysis.cli.daemon_screen import screen
     from analysis.cli.plain_console import PlainConsole
 
     PlainConsole().print(screen(state))

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import combinations, product
 
 import numpy as np
 
-from analysis.movement.causes import LEVELS, NOTHING, OTHER, Cause, prior_of
+from analysis.movement.causes import LEVELS, Cause
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
@@ -35,11 +34,11 @@ torque change over about a radian.
 """
 _NEGLIGIBLE = 1e-3
 """Weight relative to the largest below which a grid point is dropped."""
-_OUTLIER_ODDS = 0.01
+OUTLIER_ODDS = 0.01
 """Prior probability of an outlier in the new readings: a ball not seated, a disturbed tracker. Chosen."""
 OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
 """Multiples of the scatter for changes explained by neither causes nor noise."""
-_MEMBER_LEVELS = LEVELS[:3]
+MEMBER_LEVELS = LEVELS[:3]
 """Size levels of each member of a pair or triple."""
 
 
@@ -212,176 +211,3 @@ def condition(reference: LinearReadings) -> Conditioned:
     kept = [(np.exp(point[0] - most), *point[1:]) for point in points if point[0] > most + np.log(_NEGLIGIBLE)]
     total_weight = sum(point[0] for point in kept)
     return Conditioned(reference, tuple(Scenario(float(point[0] / total_weight), *point[1:]) for point in kept))
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Evidence of each cause.
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Log evidence of a cause, mean (m,) and covariance (m, m) of its parameters in mm and rad, and posterior share of
-    each prior level.
-    """
-
-    log_evidence: float
-    mean: Array
-    cov: Array
-    level: Array
-
-
-@dataclass(frozen=True)
-class CausePosterior:
-    """Probabilities of causes, likeliest first, with estimates. `wild`: row of the reading that is probably an
-    outlier.
-    """
-
-    probability: Mapping[Cause, float]
-    estimates: Mapping[Cause, Estimate]
-    wild: int | None
-
-
-def posterior(
-    predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
-) -> CausePosterior:
-    """Probabilities of no movement, of the given causes, and of an unknown change.
-
-    shifts: effect of each cause on the readings (n,) in mm. Pairs and triples of causes are tried if no single cause
-    fits: a pair competes with the same pair and a third cause.
-    """
-    single = [NOTHING, *shifts, OTHER]
-    columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}
-    none = Shift(np.empty((len(row), 0)), np.zeros(len(row)))
-    estimates = {cause: _estimate(predictions, columns[cause], cause.scale, LEVELS) for cause in columns}
-    estimates[NOTHING] = _estimate(predictions, none, np.empty(0), LEVELS[:1])
-    estimates[OTHER] = _estimate_other(predictions)
-    outlier_log, wild_row = {}, {}
-    for cause in [NOTHING, *columns]:
-        shift = columns.get(cause, none)
-        outlier_log[cause], wild_row[cause] = _with_outlier(predictions, shift, cause, estimates[cause], row)
-    probability = _normalised(single, estimates, outlier_log)
-    best = max(probability, key=lambda cause: probability[cause])
-    if probability[OTHER] > 1 / 21 or not _fits(predictions, columns, estimates, best):
-        estimates |= _joint_estimates(predictions, columns)
-        probability = _normalised(list(estimates), estimates, outlier_log)
-        best = max(probability, key=lambda cause: probability[cause])
-    wild = wild_row.get(best) if outlier_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
-    ordered = dict(sorted(probability.items(), key=lambda item: -item[1]))
-    return CausePosterior(ordered, estimates, wild)
-
-
-def _normalised(
-    causes: list[Cause], estimates: Mapping[Cause, Estimate], outlier_log: Mapping[Cause, float]
-) -> dict[Cause, float]:
-    prior = prior_of(causes)
-    logs = {
-        cause: np.log(prior[cause])
-        + np.logaddexp(
-            np.log(1 - _OUTLIER_ODDS) + estimates[cause].log_evidence,
-            np.log(_OUTLIER_ODDS) + outlier_log.get(cause, -np.inf),
-        )
-        for cause in causes
-    }
-    most = max(logs.values())
-    raw = {cause: float(np.exp(log - most)) for cause, log in logs.items()}
-    total = sum(raw.values())
-    return {cause: value / total for cause, value in raw.items()}
-
-
-def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, levels: Array) -> Estimate:
-    """Estimate a cause; `levels` (l,) or (l, m) multiply the typical sizes (m,)."""
-    excess = [p.whitened(p.excess + shift.offset) for p in predictions]
-    # Log of weight times density for no movement in each scenario.
-    logs = [
-        np.log(p.weight) - 0.5 * float(e @ e) - float(np.log(np.diag(p.chol)).sum())
-        for p, e in zip(predictions, excess, strict=True)
-    ]
-    if not len(scale):
-        return Estimate(float(np.logaddexp.reduce(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
-    sizes = scale * (levels[:, None] if levels.ndim == 1 else levels)
-    all_logs, means, covs = [], [], []
-    for p, e, log in zip(predictions, excess, logs, strict=True):
-        white = p.whitened(shift.columns)
-        design = white[None] * sizes[:, None]
-        inner = np.einsum("lnm,lnk->lmk", design, design) + np.eye(len(scale))
-        projected = design.transpose(0, 2, 1) @ e
-        solved = np.linalg.solve(inner, projected[..., None])[..., 0]
-        gain = 0.5 * (projected * solved).sum(axis=1) - 0.5 * np.linalg.slogdet(inner)[1]
-        all_logs.append(log + gain - np.log(len(sizes)))
-        means.append(sizes * solved)
-        covs.append(np.linalg.inv(inner) * sizes[:, :, None] * sizes[:, None])
-    flat = np.concatenate(all_logs)
-    total = float(np.logaddexp.reduce(flat))
-    share = np.exp(flat - total)
-    mean_of, cov_of = np.concatenate(means), np.concatenate(covs)
-    mean = share @ mean_of
-    off = mean_of - mean
-    cov = np.einsum("l,lij->ij", share, cov_of + off[:, :, None] * off[:, None])
-    return Estimate(total, mean, cov, share.reshape(len(predictions), -1).sum(axis=0))
-
-
-def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
-    """Evidence of an unknown change, modelled as larger scatter of unknown size."""
-    logs = []
-    for p in predictions:
-        values, vectors = np.linalg.eigh(p.cov)
-        turned = (vectors.T @ p.excess) ** 2
-        total = values + (OTHER_LEVELS[:, None] * p.scatter) ** 2
-        logs.append(np.log(p.weight) - 0.5 * (np.log(total) + turned / total).sum(axis=1) - np.log(len(OTHER_LEVELS)))
-    return Estimate(float(np.logaddexp.reduce(np.concatenate(logs))), np.empty(0), np.empty((0, 0)), np.ones(1))
-
-
-def _with_outlier(
-    predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
-) -> tuple[float, int]:
-    """Log evidence of a cause combined with an outlier, at the size of the cause alone, and the row of the outlier."""
-    level = float(LEVELS[int(np.argmax(alone.level))])
-    numbers, scatter = np.unique(row), sum(p.weight * p.scatter for p in predictions)
-    logs = []
-    for number in numbers.tolist():
-        entries = np.flatnonzero(row == number)
-        outlier = np.eye(len(row))[:, entries]
-        both = Shift(np.concatenate([shift.columns, outlier], axis=1), shift.offset)
-        scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * scatter)])
-        log = _estimate(
-            predictions, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale))
-        )
-        logs.append(log.log_evidence)
-    of_level = np.log(len(LEVELS)) if len(cause.scale) else 0.0
-    total = float(np.logaddexp.reduce(np.array(logs))) - np.log(len(numbers)) - of_level
-    return total, int(numbers[int(np.argmax(logs))])
-
-
-_OUTLIER_UNITS = 10.0
-"""Typical size of an outlier in units of the scatter."""
-_OUTLIER_LEVELS = np.array([0.5, 3.0, 30.0])
-
-
-def _fits(
-    predictions: Sequence[Prediction], columns: Mapping[Cause, Shift], estimates: Mapping[Cause, Estimate], cause: Cause
-) -> bool:
-    """Whether the chi-square of a cause is below the 99.9 % bound."""
-    from scipy.special import chdtri  # noqa: PLC0415 - slow to import
-
-    p = likeliest(predictions)
-    excess = p.excess
-    if cause in columns:
-        excess = p.excess + columns[cause].offset - columns[cause].columns @ estimates[cause].mean
-    left = p.whitened(excess)
-    freedom = max(len(left) - len(cause.scale), 1)
-    return bool(left @ left < chdtri(freedom, 0.001))
-
-
-def _joint_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
-    """Estimate each pair and each triple of causes that has fewer parameters than readings."""
-    estimates = {}
-    for members in (*combinations(columns, 2), *combinations(columns, 3)):
-        joint = Cause("pair" if len(members) == 2 else "triple", members=members)
-        if len(joint.scale) >= len(predictions[0].excess):
-            continue
-        grid = list(product(_MEMBER_LEVELS, repeat=len(members)))
-        levels = np.repeat(grid, [len(member.scale) for member in members], axis=1)
-        shifts = [columns[member] for member in members]
-        shift = Shift(np.concatenate([s.columns for s in shifts], axis=1), np.sum([s.offset for s in shifts], axis=0))
-        estimates[joint] = _estimate(predictions, shift, joint.scale, levels)
-    return estimates

@@ -9,14 +9,16 @@ import pytest
 
 from analysis import load_run
 from analysis.api import diagnose
+from analysis.apps.commission.movement_report import what_to_do
 from analysis.apps.commission.next_touch import candidates_of, hidden_causes, next_posture
-from analysis.apps.commission.what_moved import moved_of, what_moved, what_to_do
+from analysis.apps.commission.what_moved import moved_of, what_moved
 from analysis.apps.report.diagnosis_words import movement_sentence
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of
-from analysis.movement.between import find_step, without_moved
+from analysis.movement.between import without_moved
 from analysis.movement.evidence import condition
 from analysis.movement.inference import compare, study
+from analysis.movement.step_search import find_step
 from rigs.errors import FileError
 from tests.support.command_line import ran
 from tests.support.moved_cell import Case, label, observed, write_touches

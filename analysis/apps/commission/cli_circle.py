@@ -167,7 +167,7 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """Motion until Ctrl-C, and the named rig or else that of the daemon."""
     from analysis.apps.commission.cli_fitted_test import RigFile, u_written
     from analysis.apps.commission.driven_circle import driven_circle
-    from analysis.apps.commission.record_touches import served_rig, watched_motion
+    from analysis.apps.commission.joint_samples import served_rig, watched_motion
     from daq.service.client import Client, find_socket
 
     with Client(find_socket(named.rig.name if named else None)) as client:

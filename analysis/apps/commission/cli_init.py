@@ -162,7 +162,7 @@ def _add_calibration(rig_file: Path, calibration: str) -> None:
 
 
 def next_steps(rig_file: Path, measured_by: MeasuredBy) -> list[str]:
-    from analysis.apps.commission.questionnaire import rendered
+    from analysis.apps.commission.rig_file_text import rendered
     from rigs.load import load
     from rigs.schema.feedback import NoFeedback
 

@@ -61,7 +61,7 @@ def moved(
 
     RUN… are reference runs of touches, poses or circles. A few new
     readings of the same sockets or targets are enough."""
-    from analysis.apps.commission.what_moved import movement_answer, write_page
+    from analysis.apps.commission.movement_report import movement_answer, write_page
     from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.html_page import check_page_file
     from analysis.apps.report.texts import texts_of

@@ -16,12 +16,12 @@ from analysis.apps.planning.pose_pool import Sight
 from analysis.apps.planning.possible_readings import (
     TOUCH_MIN,
     Reading,
-    ReadingPool,
     pool_of_readings,
     poses_at,
     possible_readings,
     touches_at,
 )
+from analysis.apps.planning.reading_pool import ReadingPool
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
 from analysis.correction.support import supports, why_nothing

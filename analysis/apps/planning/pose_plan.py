@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.planning.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways, joint_ranges
-from analysis.apps.planning.possible_readings import ReadingPool, block_of, pose_table, typical_columns, typical_rows
+from analysis.apps.planning.possible_readings import block_of, pose_table, typical_columns, typical_rows
+from analysis.apps.planning.reading_pool import ReadingPool
 from analysis.diagnosis.fit.candidates import Columns
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands

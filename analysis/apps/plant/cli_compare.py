@@ -150,7 +150,7 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
 
     Runs of gauges need a rig file, which states where the ball link is on the flange.
     """
-    from analysis.apps.commission.questionnaire import chosen_arm
+    from analysis.apps.commission.rig_file_text import chosen_arm
     from analysis.apps.interchange.urdf import import_urdf
     from rigs.load import load
     from rigs.yaml_text import read_yaml

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from analysis.apps.report.blocks import Block, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.chart import as_png, sheet_of
 from analysis.apps.report.diagnosis_answer import places_blocks, stairs_of_model, stairs_table
-from analysis.apps.report.model_charts import compared_chart, disagreement_picture
+from analysis.apps.report.diagnosis_picture import disagreement_picture
+from analysis.apps.report.model_charts import compared_chart
 from analysis.apps.report.run_charts import distinctly_named
 from analysis.apps.report.texts import ENGLISH, LEADING, in_order
 from analysis.diagnosis.judge.comparison import Compared, Comparison

@@ -25,7 +25,8 @@ from analysis.apps.plant.collect import (
     save_periodically,
     update,
 )
-from analysis.apps.plant.history import Series, against_limit, change_words, history_of, judge
+from analysis.apps.plant.history import Series, history_of, judge
+from analysis.apps.plant.history_sentences import against_limit, change_words
 from analysis.apps.plant.store import Key
 from analysis.runs.batch import FailedItem, Outcome, each, require_shared
 from analysis.runs.copied_runs import local_run

@@ -15,8 +15,9 @@ from urllib.parse import quote
 
 from analysis.apps.plant.collect import Collected, Progress, Workers
 from analysis.apps.plant.fleet import ORDER, Attention, Fleet, collected_in
-from analysis.apps.plant.history import history_of, simulated_runs, without_figures
+from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_report import write_page
+from analysis.apps.plant.history_sentences import simulated_runs, without_figures
 from analysis.apps.plant.store import Key, made_by
 from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html

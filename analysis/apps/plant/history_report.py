@@ -11,18 +11,8 @@ import numpy as np
 import pyarrow as pa
 from markupsafe import Markup
 
-from analysis.apps.plant.history import (
-    History,
-    Series,
-    against_limit,
-    dates,
-    doubts,
-    judge,
-    origin,
-    remarks,
-    sentences,
-    too_few,
-)
+from analysis.apps.plant.history import History, Series, judge
+from analysis.apps.plant.history_sentences import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.apps.report.texts import joined

@@ -10,8 +10,8 @@ from analysis.diagnosis.judge.budget_part import GroupMember
 from analysis.diagnosis.judge.named import Named, Rival
 from analysis.diagnosis.judge.residuals import Curve, HeldOutResidual, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis, Movement
+from analysis.movement.cause_odds import CauseOdds, short_name
 from analysis.movement.causes import Cause
-from analysis.movement.inference import CauseOdds, short_name
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig

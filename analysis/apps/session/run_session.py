@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from analysis.apps.commission.guided_touches import references_of
+from analysis.apps.commission.cell_references import references_of
 from analysis.apps.session.answer import Inference
 from analysis.apps.session.cell import ProgramRun, RealCell, Screen, ServedCell
 from analysis.apps.session.correction_step import CORRECTIONS, corrected, corrected_programs, entries_file

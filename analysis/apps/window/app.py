@@ -32,18 +32,19 @@ from starlette.responses import (
 )
 from starlette.routing import Route
 
-from analysis.apps.commission.guided_touches import references_of
-from analysis.apps.commission.what_moved import movement_answer
+from analysis.apps.commission.cell_references import references_of
+from analysis.apps.commission.movement_report import movement_answer
 from analysis.apps.plant.history import label_of
 from analysis.apps.report.html_page import environment
 from analysis.apps.report.texts import LANGUAGES, Language
 from analysis.apps.report.texts import texts_of as report_texts
 from analysis.apps.session.session_state import SessionDirectory
-from analysis.apps.window.control_posts import WindowControls, touchable
+from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.guard import COOKIE, Gate, is_equal
 from analysis.apps.window.made import OutputStore
 from analysis.apps.window.shelf import MOST_SHOWN, Shelf, ShelfRun, metrics_of
 from analysis.apps.window.watcher import Watcher
+from analysis.apps.window.window_check import touchable
 from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.loading import load_measured
 from analysis.runs.written_files import write_csv, write_parquet, write_xlsx

@@ -9,8 +9,9 @@ from analysis.apps.commission.what_moved import what_moved_in
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
+from analysis.movement.cause_odds import MOST_ODDS
 from analysis.movement.causes import Cause
-from analysis.movement.inference import MOST_ODDS, compare
+from analysis.movement.inference import compare
 from analysis.movement.linearise import _moved_thing  # private: a diagnosis of many targets takes long
 from analysis.runs.loading import Measured
 from rigs.errors import FileError

@@ -20,7 +20,8 @@ from daq import clock
 from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
 from daq.discovery.attempts import Attempt, PortReport, attempts, missing_keys, named_attempts
-from daq.discovery.port_search import PortWatch, SearchOptions, host_of, ports_here, pushed_gauge, search
+from daq.discovery.port_search import SearchOptions, host_of, ports_here, search
+from daq.discovery.pushed_gauge import PortWatch, pushed_gauge
 from daq.discovery.trial import Trial, try_line
 from daq.emulators.instruments import instruments_of
 from daq.emulators.pty_line import PtyLine, heard

@@ -9,7 +9,8 @@ import pytest
 
 from analysis import load_run
 from analysis.apps.commission import guided_touches
-from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches, mark_of, references_of
+from analysis.apps.commission.cell_references import references_of
+from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches, mark_of
 from analysis.apps.commission.touched_ball import REST_S
 from analysis.apps.session.run_session import offer_lines
 from analysis.movement.inference import FEWEST_OF_REFERENCE
@@ -66,7 +67,7 @@ def before(folder: Path) -> GuidedCheck:
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch):
-    monkeypatch.setattr("analysis.apps.commission.record_touches._POLL_S", 0.0)  # private: no waiting
+    monkeypatch.setattr("analysis.apps.commission.joint_samples._POLL_S", 0.0)  # private: no waiting
 
 
 def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path):

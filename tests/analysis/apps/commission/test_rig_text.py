@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from analysis.apps.commission.init_answers import Answers
-from analysis.apps.commission.questionnaire import chosen_arm, circle_from_start, rig_text
+from analysis.apps.commission.questionnaire import circle_from_start
+from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.arms import arm_names, load_arm
 from rigs.load import load, parse

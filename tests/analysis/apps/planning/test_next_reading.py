@@ -5,7 +5,8 @@ import pytest
 
 from analysis.apps.planning import possible_readings as candidates
 from analysis.apps.planning.next_reading import decide, next_step, next_touch
-from analysis.apps.planning.possible_readings import Reading, ReadingPool, as_readings, possible_readings
+from analysis.apps.planning.possible_readings import Reading, possible_readings
+from analysis.apps.planning.reading_pool import ReadingPool, as_readings
 from analysis.procedures.simulate import planned_touches
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.tables import TouchTable

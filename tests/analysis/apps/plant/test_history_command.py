@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.apps.plant.history import history_of, remarks, sentences
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history_sentences import remarks, sentences
 from tests.support.changed_rigs import shipped
 from tests.support.command_line import errors_of, failure_of, json_of, succeeded
 from tests.support.dated_runs import dated_run

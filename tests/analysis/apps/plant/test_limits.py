@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from analysis.apps.plant.changes import Trend
-from analysis.apps.plant.history import Series, against_limit, history_of, judge, sentences
+from analysis.apps.plant.history import Series, history_of, judge
 from analysis.apps.plant.history_report import as_object
+from analysis.apps.plant.history_sentences import against_limit, sentences
 from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import Limit, Limits

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.apps.plant.history import history_of, origin, sentences, simulated_runs
+from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_report import as_object, history_answer, write_page
+from analysis.apps.plant.history_sentences import origin, sentences, simulated_runs
 from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import CircleLimits, Limit, Limits

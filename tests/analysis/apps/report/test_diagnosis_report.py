@@ -10,9 +10,10 @@ import pytest
 from matplotlib.text import Text
 
 from analysis.apps.report.diagnosis_answer import diagnosis_answer
+from analysis.apps.report.diagnosis_picture import picture
 from analysis.apps.report.diagnosis_report import require_empty, write
 from analysis.apps.report.diagnosis_words import micrometres, size, stretch, sure
-from analysis.apps.report.model_charts import picture, residual_charts
+from analysis.apps.report.model_charts import residual_charts
 from analysis.apps.report.texts import texts_of
 from analysis.correction.support import supports
 from analysis.diagnosis.judge.acts import Act

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from analysis.cli.listings import screen
+from analysis.cli.daemon_screen import screen
 
 STREAM = {"connected": True, "rate_hz": 53.5, "last": {}, "age_s": {}, "counters": {"samples": 1333}, "last_fault": ""}
 STATE = {

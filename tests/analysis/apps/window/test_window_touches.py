@@ -8,8 +8,8 @@ import pytest
 
 from analysis import load_run
 from analysis.apps.report.texts import texts_of
-from analysis.apps.window.control_posts import WindowCheck
 from analysis.apps.window.watcher import Watcher
+from analysis.apps.window.window_check import WindowCheck
 from daq.store.marks import load_marks
 from rigs.errors import UseError
 from tests.support.moved_cell import moved_cell, touch_near, write_touches
