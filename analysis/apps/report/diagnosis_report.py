@@ -33,7 +33,7 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
     inconclusive. in_session: see `picture`.
     """
     from analysis.apps.report.diagnosis_answer import plain_object  # noqa: PLC0415 - slow to import
-    from analysis.apps.report.model_charts import picture  # noqa: PLC0415 - slow to import, needed here only
+    from analysis.apps.report.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
     rig_file = directory / f"{diagnosis.rig.name}.yaml"
     pictured = replace(diagnosis, acts=acts_with(diagnosis.acts, as_argument(rig_file)))
