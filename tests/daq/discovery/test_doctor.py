@@ -15,7 +15,7 @@ import yaml
 
 import daq.feedback
 from daq.acquisition.streams import Stream, robot_stream, streams_of
-from daq.discovery import examine as examined
+from daq.discovery import examine_computer as computer
 from daq.discovery import trial
 from daq.discovery.cell_finding import CellFinding, FindingVerdict, check_condition
 from daq.discovery.examine import check_daemon, examine
@@ -46,42 +46,42 @@ def system(tmp_path):
 
 
 def test_a_port_that_is_not_there(system):
-    (finding,) = examined.examine_port("g1", "/dev/ttyUSB1", system, served=False)
+    (finding,) = computer.examine_port("g1", "/dev/ttyUSB1", system, served=False)
     assert finding.verdict is WRONG and finding.remedy.endswith(f"available ports: {FTDI}")
     (system / FTDI[1:]).unlink()
     (system / "dev/ttyUSB0").unlink()
-    assert examined.check_exists("g1", FTDI, system).remedy.endswith("available ports: none")
+    assert computer.check_exists("g1", FTDI, system).remedy.endswith("available ports: none")
 
 
 def test_a_name_that_changes_with_the_order_of_plugging_in(system):
-    assert examined.check_name("g1", FTDI, system) is None
-    finding = examined.check_name("g1", "/dev/ttyUSB0", system)
+    assert computer.check_name("g1", FTDI, system) is None
+    finding = computer.check_name("g1", "/dev/ttyUSB0", system)
     assert finding.verdict is DOUBTFUL and finding.remedy == f"write port: {FTDI}"
     (system / "dev/rig").mkdir()
     (system / "dev/rig/A900XYZ-00").symlink_to("../ttyUSB0")
-    finding = examined.check_name("g1", "/dev/ttyUSB0", system)
+    finding = computer.check_name("g1", "/dev/ttyUSB0", system)
     assert finding.remedy == "write port: /dev/rig/A900XYZ-00"
 
 
 def test_a_port_that_another_program_holds(system):
-    assert examined.check_use("g1", FTDI, system) is None
+    assert computer.check_use("g1", FTDI, system) is None
     (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
-    finding = examined.check_use("g1", FTDI, system)
+    finding = computer.check_use("g1", FTDI, system)
     assert finding.verdict is WRONG and "ModemManager (process 77)" in finding.what
     assert finding.remedy.endswith("sudo systemctl disable --now ModemManager")
     (system / "proc/77/comm").write_text("picocom\n")
-    finding = examined.check_use("g1", FTDI, system)
+    finding = computer.check_use("g1", FTDI, system)
     assert finding.remedy == "end it: sudo kill 77"
-    assert WRONG not in {f.verdict for f in examined.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
+    assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
 
 
 def test_the_permissions_of_a_port(system, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
-    finding = examined.check_access("g1", FTDI, system)
+    finding = computer.check_access("g1", FTDI, system)
     assert finding.verdict is WRONG and "usermod -aG" in finding.remedy
     monkeypatch.setattr(os, "access", lambda *_: True)
     group = grp.getgrgid((system / "dev/ttyUSB0").stat().st_gid).gr_name
-    finding = examined.check_access("g1", FTDI, system)
+    finding = computer.check_access("g1", FTDI, system)
     if group != "dialout":
         assert finding.verdict is DOUBTFUL and f"group {group} " in finding.what
 
@@ -89,21 +89,21 @@ def test_the_permissions_of_a_port(system, monkeypatch):
 @pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
 def test_the_latency_timer(system, ms, verdict):
     (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
-    finding = examined.check_latency("g1", FTDI, system)
+    finding = computer.check_latency("g1", FTDI, system)
     assert (finding and finding.verdict) == verdict
 
 
 @pytest.mark.parametrize(
     ("finding", "verdict"),
     [
-        (examined.check_free_space(Path("runs"), 80.0), OK),
-        (examined.check_free_space(Path("runs"), 3.0), DOUBTFUL),
-        (examined.check_free_space(Path("runs"), 0.2), WRONG),
-        (examined.check_sync_time(Path("runs"), 0.004), OK),
-        (examined.check_sync_time(Path("runs"), 0.3), DOUBTFUL),
-        (examined.check_sync_time(Path("runs"), 7.0), WRONG),
-        (examined.check_wall_clock(0), OK),
-        (examined.check_wall_clock(5), DOUBTFUL),
+        (computer.check_free_space(Path("runs"), 80.0), OK),
+        (computer.check_free_space(Path("runs"), 3.0), DOUBTFUL),
+        (computer.check_free_space(Path("runs"), 0.2), WRONG),
+        (computer.check_sync_time(Path("runs"), 0.004), OK),
+        (computer.check_sync_time(Path("runs"), 0.3), DOUBTFUL),
+        (computer.check_sync_time(Path("runs"), 7.0), WRONG),
+        (computer.check_wall_clock(0), OK),
+        (computer.check_wall_clock(5), DOUBTFUL),
     ],
 )
 def test_figures_of_the_computer_are_judged(finding, verdict):
@@ -127,7 +127,7 @@ def test_figures_of_the_computer_are_judged(finding, verdict):
     ],
 )
 def test_states_of_the_service_are_judged(shown, verdict, says):
-    finding = examined.check_service("rigd@cell", dict(part.split("=") for part in shown.split()))
+    finding = computer.check_service("rigd@cell", dict(part.split("=") for part in shown.split()))
     assert finding.verdict is verdict and says in finding.what
 
 
@@ -237,8 +237,8 @@ def test_a_disk_that_this_user_may_not_use(tmp_path, monkeypatch):
     def refused(_: Path) -> float:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(examined, "slowest_sync_s", refused)
-    findings = list(examined.examine_computer(tmp_path / "runs", None))
+    monkeypatch.setattr(computer, "slowest_sync_s", refused)
+    findings = list(computer.examine_computer(tmp_path / "runs", None))
     assert [finding.verdict for finding in findings[:2]] == [OK, DOUBTFUL] and "permission" in findings[1].what
 
 
