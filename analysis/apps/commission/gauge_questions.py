@@ -23,7 +23,7 @@ from analysis.apps.report.texts import texts_of
 from analysis.cli.dialogue import Dialogue
 from daq.discovery.attempts import FoundGauge, PortReport, named_attempts
 from daq.discovery.port_search import SearchOptions, ports_here, search
-from daq.discovery.pushed_gauge import PortWatch
+from daq.discovery.port_watch import PortWatch
 from rigs.errors import CellError, FileError, UseError
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part

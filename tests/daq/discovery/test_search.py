@@ -19,9 +19,10 @@ from pydantic import ValidationError
 from daq import clock
 from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
+from daq.discovery import port_watch
 from daq.discovery.attempts import Attempt, PortReport, attempts, missing_keys, named_attempts
 from daq.discovery.port_search import SearchOptions, host_of, ports_here, search
-from daq.discovery.pushed_gauge import PortWatch, pushed_gauge
+from daq.discovery.port_watch import PortWatch, pushed_gauge
 from daq.discovery.trial import Trial, try_line
 from daq.emulators.instruments import instruments_of
 from daq.emulators.pty_line import PtyLine, heard
@@ -89,7 +90,8 @@ def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
                 end.write = lambda data: send(heard(data, line, true[port]))
             return end
 
-        patched.setattr(SEARCH, "Stream", partial(Stream, opening=opened))
+        for module in (SEARCH, port_watch):
+            patched.setattr(module, "Stream", partial(Stream, opening=opened))
         yield made
 
 

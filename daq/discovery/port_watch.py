@@ -1,4 +1,4 @@
-"""Identification of a gauge: all gauges are read until the user pushes one of them."""
+"""Identification of a gauge by a push: all gauges are read until the user pushes one of them."""
 
 from __future__ import annotations
 
