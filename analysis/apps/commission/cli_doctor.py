@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,6 +29,20 @@ def doctor(
         bool,
         typer.Option("--scan", help="Find unit, registers and byte orders of Modbus gauges while you move a probe."),
     ] = False,
+    bundle: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.zip",
+            help="Pack rig file, one short run, these findings and versions for an issue, without names of people, "
+            "computers and directories; default: pack nothing.",
+        ),
+    ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN", autocompletion=completion.runs, help="Run in the bundle; default: the newest short one."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
@@ -48,12 +62,16 @@ def doctor(
     from rigs.errors import UseError
     from rigs.load import find, is_shipped, load
 
+    if run and not bundle:
+        raise UseError("--run", "is the run in a bundle", "give --bundle FILE.zip also")
+    if bundle and scan:
+        raise UseError("--bundle", "needs the findings without --scan", "leave one of the options out")
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()
     if scan and is_shipped(path):
         problem = f"queries the ports of the rig file, and {rig_file} is a shipped example"
         raise UseError("--scan", problem, "give the rig file of your cell")
-    findings = []
+    findings, where = [], runs or Path("runs")
     if scan:
         made = scan_modbus(rig, partial(say, err=True))
     else:
@@ -67,9 +85,28 @@ def doctor(
             remedy = f"; {finding.remedy}" if finding.remedy else ""
             say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
     wrong = sum(finding.verdict is FindingVerdict.WRONG for finding in findings)
+    rows = [dataclasses.asdict(finding) for finding in findings]
+    packed = _bundle(bundle, rig_file, run, where, rows, quiet=as_json) if bundle else {}
     if as_json:
-        say_json({"rig": rig.name, "wrong": wrong, "findings": [dataclasses.asdict(finding) for finding in findings]})
+        say_json({"rig": rig.name, "wrong": wrong, "findings": rows, **packed})
     raise typer.Exit(1 if wrong else 0)
+
+
+def _bundle(
+    file: Path, rig_file: str, run: Path | None, runs: Path, findings: list[dict[str, Any]], *, quiet: bool
+) -> dict[str, Any]:
+    """Write a bundle, say what it contains, and return the same for JSON."""
+    from analysis.apps.commission.support_bundle import make_bundle
+    from analysis.runs.written_files import write_new
+
+    made = make_bundle(rig_file, run, runs.absolute(), findings)
+    write_new(file, made.write)
+    if not quiet:
+        for line in made.lines():
+            say(line)
+        say(f"wrote {file}; look at its files before you attach it to an issue")
+    stated = {key: list(getattr(made, key)) for key in ("packed", "replaced", "left_out")}
+    return {"bundle": {"file": str(file), **stated}}
 
 
 @command(app, "rig logs cell --since today")
