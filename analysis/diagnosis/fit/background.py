@@ -201,6 +201,18 @@ class Background:
         back = solve_triangular(self._chol, absorbed, lower=True, trans=1, check_finite=False)
         return self._root[:, None] * back
 
+    def scores(self, values: MarginalValues) -> Array:
+        """Products (p, k) with C⁻¹ of the columns with values (N, k)."""
+        gram, taken = self.weighted_gram(), self.absorbed_coefficients(values.absorbed)
+        return np.asarray(self.columns.X.T @ values.weighted - gram @ taken)
+
+    @cached_property
+    def information(self) -> Array:
+        """Products (p, p) of the columns with C⁻¹: what the readings say about each, beside all others."""
+        gram = self.weighted_gram()
+        absorbed = self._absorbed(gram)
+        return np.asarray(gram - absorbed.T @ absorbed)
+
     @property
     def logdet(self) -> float:
         return 2 * float(np.log(np.diag(self._chol)).sum()) - float(np.log(self.weight).sum())

@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.diagnosis.fit.background import Background, MarginalValues
+from analysis.diagnosis.fit.background import Background, Coefficients, MarginalValues
 from analysis.diagnosis.fit.selection_state import SelectionState
 from analysis.diagnosis.fit.state_evidence import StateEvidence
 from analysis.diagnosis.fit.unknown import UnknownCauses
@@ -51,6 +51,32 @@ class ReducedState:
 
 
 @dataclass(frozen=True, eq=False)
+class CoefficientsWithout(Coefficients):
+    """Distribution of all coefficients after a low-rank change of a background: its information D (p, p) becomes
+    D − added taken' (p, k). A coefficient whose prior is much wider than its uncertainty, such as one of a set-up,
+    loses digits: of sixteen those of the ratio of the variances.
+    """
+
+    background: Background
+    means: Array
+    information: Array
+    added: Array
+    taken: Array
+
+    @property
+    def mean(self) -> Array:
+        return self.means
+
+    def covariance_among(self, columns: Integers) -> Array:
+        left = self.information[columns[..., :, None], columns[..., None, :]]
+        left = left - self.added[columns] @ np.swapaxes(self.taken[columns], -1, -2)
+        variance, diagonal = self.background.variance[columns], np.arange(columns.shape[-1])
+        covariance = -variance[..., :, None] * left * variance[..., None, :]
+        covariance[..., diagonal, diagonal] += variance
+        return np.asarray(covariance)
+
+
+@dataclass(frozen=True, eq=False)
 class LeaveOut:
     """A state whose effects are left out, and the unknown causes that compete with them."""
 
@@ -58,16 +84,21 @@ class LeaveOut:
     state: SelectionState
     causes: UnknownCauses = field(default_factory=lambda: UnknownCauses({}))
 
-    def without(self, places: Sequence[int]) -> ReducedState:
-        """The state without the effects at these places, at the same noise and level."""
+    def _bare(self, places: Sequence[int]) -> tuple[SelectionState, list[int]]:
+        """The state without the effects at these places, and the places of the others."""
         kept = [k for k in range(len(self.state.effects)) if k not in places]
         refined = self.state.refined.only(kept)
         refined = replace(refined, residual=self.selection.linear.residual(refined.effects))
-        bare = replace(self.state, refined=refined, origins=tuple(self.state.origins[k] for k in kept))
+        return replace(self.state, refined=refined, origins=tuple(self.state.origins[k] for k in kept)), kept
+
+    def without(self, places: Sequence[int]) -> ReducedState:
+        """The state without the effects at these places, at the same noise and level."""
+        bare, kept = self._bare(places)
         variance, mean = self.selection.backgrounds.prior(bare)
         rows = self._rows(kept)
-        terms = refined.fitted_terms
-        products, logdet = self._products(refined.residual - self._background.columns.X @ mean, variance, rows)
+        terms = bare.refined.fitted_terms
+        residual = bare.refined.residual - self._background.columns.X @ mean
+        products, logdet = self._products(residual, variance, rows)
         q = len(terms.mean)
         normal = products[:q, :q] + terms.precision
         right = products[:q, -1] + terms.precision @ terms.mean
@@ -83,6 +114,34 @@ class LeaveOut:
             precision = products[begin:end, begin:end] - with_terms[free].T @ covariance @ with_terms[free]
             cavities.append((precision, products[begin:end, -1] - best @ with_terms))
         return ReducedState(evidence, self.causes.gains_of(cavities), bare)
+
+    def coefficients_without(self, places: Sequence[int]) -> CoefficientsWithout:
+        """The distribution of all coefficients without the effects at these places."""
+        bare, kept = self._bare(places)
+        variance, mean = self.selection.backgrounds.prior(bare)
+        background, terms = self._background, bare.refined.fitted_terms
+        free = np.isnan(terms.held)
+        rows = self._rows(kept)[: len(free)][free]
+        changed = np.flatnonzero(variance != background.variance)
+        change = variance[changed] - background.variance[changed]
+        # Kept terms, and columns with another prior, are columns beside those of the background.
+        added = np.concatenate([self._scores_of_values[:, rows], self._information[:, changed]], axis=1)
+        inner = np.block(
+            [
+                [self._products_of_values[np.ix_(rows, rows)], self._scores_of_values[changed][:, rows].T],
+                [self._scores_of_values[changed][:, rows], self._information[np.ix_(changed, changed)]],
+            ]
+        )
+        fixed = np.where(free, terms.mean, terms.held)
+        r = background.marginal((bare.refined.residual - terms.T @ fixed - background.columns.X @ mean)[:, None])
+        score = background.scores(r)[:, 0]
+        right = np.concatenate([self._values.products(r)[rows, 0], score[changed]])
+        prior = np.zeros_like(inner)
+        prior[: len(rows), : len(rows)] = np.linalg.inv(terms.precision[np.ix_(free, free)])
+        prior[np.arange(len(rows), len(inner)), np.arange(len(rows), len(inner))] = change
+        taken = added @ np.linalg.solve(np.eye(len(inner)) + prior @ inner, prior)
+        resized = replace(background, variance=variance, mean=mean)
+        return CoefficientsWithout(resized, mean + variance * (score - taken @ right), self._information, added, taken)
 
     def is_close(self, places: Sequence[int]) -> bool:
         """Whether a fit without the effects at these places, with noise or an unknown cause instead, might explain
@@ -107,6 +166,14 @@ class LeaveOut:
     @cached_property
     def _products_of_values(self) -> Array:
         return self._values.products(self._values)
+
+    @cached_property
+    def _information(self) -> Array:
+        return self._background.information
+
+    @cached_property
+    def _scores_of_values(self) -> Array:
+        return self._background.scores(self._values)
 
     @cached_property
     def _ends_of_causes(self) -> Integers:

@@ -21,7 +21,6 @@ from analysis.diagnosis.fit.responses import (
     LEAST_MATERIAL_UM,
     Linearisation,
     basis_of,
-    limits_um,
     linearise,
     plain_rms_by_block,
 )
@@ -139,10 +138,10 @@ class SearchResult:
         """Whitened residual (N,) without named effects."""
         return self.linear.without_set_up(self.linear.residual(()))
 
-    @cached_property
+    @property
     def scatter_limits_um(self) -> Array:
         """Changes (b,) µm from which a named effect is material."""
-        return limits_um(self.linear)
+        return self.selection.limits_um
 
     @cached_property
     def moves(self) -> Array:
@@ -225,7 +224,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         is_last = turn + 1 == _ITERATIONS or effort.is_spent
         if is_last or selection.is_valid_for(state):
             progress("comparing names with their rivals")
-            state, odds = compare_with_rivals(selection, state, limits_um(selection.linear))
+            state, odds = compare_with_rivals(selection, state)
             if is_last or selection.is_valid_for(state):
                 break
         so_far = state.effects
@@ -233,7 +232,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     progress("comparing names with unknown causes")
     compared = selection.against_unknown(state)
     if compared is not state:
-        state, odds = compare_with_rivals(selection, compared, limits_um(selection.linear))
+        state, odds = compare_with_rivals(selection, compared)
     return SearchResult(selection, state, odds)
 
 

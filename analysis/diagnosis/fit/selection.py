@@ -67,6 +67,10 @@ _IMITATED = 0.05
 """Share of the gain of an effect that the residual of its imperfect form may give to others. Chosen: orders of waves
 and widths of backlashes are scanned at steps that leave less.
 """
+_USUAL = FAULT / 2
+"""Size, in healthy sizes, below which an effect is not compared with others before it is added. Chosen: a fit hardly
+ever doubles a size.
+"""
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
 """Log evidence a form must have for its name to be fitted although no name gains much, and its significance in sigmas.
 
@@ -115,6 +119,11 @@ class Effort:
     def is_spent(self) -> bool:
         is_vain = self.rounds >= _USUAL_ROUNDS and self.vain >= _MOST_VAIN
         return is_vain or self.rounds >= _MOST_ROUNDS
+
+
+def is_usual(size: Array) -> bool:
+    """Whether coefficients (q,), in healthy sizes, are far smaller than a fault."""
+    return float(np.linalg.norm(size)) < _USUAL
 
 
 @dataclass(frozen=True)
@@ -276,14 +285,15 @@ class Selection(StateEvidence):
                     break
                 before, state = state, self.renewed(changed)
                 self._note_round(before, state)
-        return self.renewed(self.refitted(state)), with_unknown
+        return self.renewed(self.refitted(state, only_large=True)), with_unknown
 
     def against_unknown(self, state: SelectionState) -> SelectionState:
         """Compare the names with unknown causes: add those that the readings still show, and replace names that they
         explain as well.
 
         A name that imitates an unknown cause leaves a residual, to which the next name is fitted. All waves of joints
-        are therefore also tried together: they approximate any function of angles.
+        are therefore also tried together: they approximate any function of angles. Of single names, those that are
+        reported as faults compete.
         """
         if not self.causes_of_circles.responses:
             return state
@@ -295,7 +305,9 @@ class Selection(StateEvidence):
             left_out = replace(left_out, state=instead)
         place = 0
         while place < len(left_out.state.effects):
-            if instead := self._cause_instead(left_out, [place]):
+            if not self.is_reported(left_out.state, place):
+                place += 1
+            elif instead := self._cause_instead(left_out, [place]):
                 left_out = replace(left_out, state=instead)
             else:
                 place += 1
@@ -395,7 +407,8 @@ class Selection(StateEvidence):
         return likeliest if explains else None
 
     def _worth_trying(self, state: SelectionState, posterior: CoefficientPosterior, gain: Array) -> list[int]:
-        """The best form of each of the few effects with the largest gains (n,), best first.
+        """The best form of each of the few effects with the largest gains (n,), best first, and only the first if it is
+        far smaller than a fault.
 
         If none gains much, also a clearly visible effect whose gain may be low only because of its shape.
         """
@@ -404,6 +417,8 @@ class Selection(StateEvidence):
             if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
                 break
             best_of.setdefault(forms[k].name, k)
+            if is_usual(posterior.size(forms[k])):
+                break
         if gain.max(initial=-np.inf) < _MUCH and len(state.effects) < _DEPTH:
             shown = posterior.gains(forms, state.level)
             plain = np.flatnonzero((gain > _BENT) & (shown.size * shown.sigma > _PLAIN_TO_SEE)).tolist()
@@ -451,7 +466,7 @@ class Selection(StateEvidence):
     def with_form(self, state: SelectionState, posterior: CoefficientPosterior, k: int) -> SelectionState:
         """Add form k as an effect and fit it; the other effects move along their earlier tangents."""
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
-        if len(effects) > 1:
+        if len(effects) > 1 and not is_usual(posterior.size(self.columns.forms[k])):
             begun = [self._with_effect(state, effect, k, begins=True) for effect in effects]
             effects = [self.likeliest(begun)[1].refined.effects[-1]]
         return self._with_effect(state, effects[0], k)
@@ -488,7 +503,7 @@ class Selection(StateEvidence):
             best = int(np.argmax(gain))
             if not gain[best] > max(_IMITATED * first, HEALTHY_PRICE):
                 break
-            if np.linalg.norm(coefficients.size(forms[best])) > FAULT:
+            if not is_usual(coefficients.size(forms[best])):
                 break
             names.add(forms[best].name)
             begins = starting_effects(self.linear, self.columns, posterior, forms[best])[0]

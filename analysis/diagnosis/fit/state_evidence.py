@@ -22,7 +22,7 @@ from analysis.diagnosis.fit.background import (
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, WEIGHT_DIGITS, Columns, Level, fault_sizes, order_of
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.refine import whole_order_gain
-from analysis.diagnosis.fit.responses import Linearisation
+from analysis.diagnosis.fit.responses import Linearisation, RmsByBlock, limits_um, rms_by_block
 from analysis.diagnosis.fit.selection_state import (
     DRIVEN_WAVES,
     FAULT,
@@ -321,6 +321,22 @@ class StateEvidence:
         with_reference, with_faults, without = (linear.residual(effects) for effects in (reference, faults, ()))
         off, whole = (linear.without_set_up(residual - with_faults) for residual in (with_reference, without))
         return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
+
+    @cached_property
+    def limits_um(self) -> Array:
+        return limits_um(self.linear)
+
+    def rms_of(self, state: SelectionState, place: int) -> RmsByBlock:
+        """Changes of the readings by an effect."""
+        change = self.linear.residual(state.refined.without(place).effects) - state.refined.residual
+        return rms_by_block(self.linear, change)
+
+    def is_reported(self, state: SelectionState, place: int) -> bool:
+        """Whether an effect is reported as a fault: of that size, or larger than usual in this arm and material."""
+        if not state.may_be_fault(place):
+            return False
+        is_large = abs(size_of(state.effects[place])) >= FAULT
+        return is_large or self.rms_of(state, place).is_material(self.limits_um)
 
     # The noise and the level of a state.
 

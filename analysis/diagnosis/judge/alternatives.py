@@ -139,7 +139,7 @@ class _Comparison:
     def without(self, places: Sequence[int]) -> tuple[float, float]:
         """Log evidence of noise, and of noise or an unknown cause, in place of names, relative to all names.
 
-        The names are removed in a linear model; a fit follows only if it might decide.
+        The names are removed in a linear model; a fit follows only if it might decide about a reported fault.
         """
         alone, with_unknown = list[float](), list[float]()
         for alternatives in self._left_out:
@@ -150,6 +150,8 @@ class _Comparison:
                     alone.append(reduced.evidence)
                 with_unknown.append(reduced.evidence + np.logaddexp(gain, 0.0 if k else -np.inf))
         nothing, unknown = max(alone) - self.of_name, float(np.logaddexp.reduce(with_unknown)) - self.of_name
+        if self._reported.isdisjoint(places):
+            return nothing, unknown
         if unknown < -UNDECIDED and not self._left_out[0][0].is_close(places):
             return nothing, unknown
         selection, bare = self.result.selection, self.result.state
@@ -159,15 +161,21 @@ class _Comparison:
         nothing = max(selection.evidence(bare), selection.evidence(louder))
         return nothing - self.of_name, self.with_unknown(bare) - self.of_name
 
+    @cached_property
+    def _reported(self) -> frozenset[int]:
+        selection, state = self.result.selection, self.result.state
+        return frozenset(k for k in range(len(state.effects)) if selection.is_reported(state, k))
+
     def of_several(self, of_unknown: Sequence[float]) -> list[float]:
-        """Log evidence of an unknown cause behind each name and others: the least certain names, all waves of joints,
-        or all possible faults.
+        """Log evidence of an unknown cause behind each name and others: the least certain reported faults, all waves of
+        joints, or all possible faults.
         """
         effects, reference = self.result.effects, self.result.reference
         best = [_NONE] * len(effects)
-        doubtful = sorted(range(len(effects)), key=lambda k: -of_unknown[k])
-        waves = [k for k in doubtful if is_of_curve(effects[k])]
-        faults = [k for k in doubtful if abs(size_of(effects[k])) > least_fault(effects[k], reference)]
+        least_certain = sorted(range(len(effects)), key=lambda k: -of_unknown[k])
+        doubtful = [k for k in least_certain if k in self._reported]
+        waves = [k for k in least_certain if is_of_curve(effects[k])]
+        faults = [k for k in least_certain if abs(size_of(effects[k])) > least_fault(effects[k], reference)]
         compared = set[frozenset[int]]()
         for order in (order for order in (doubtful, waves, faults) if len(order) > 1):
             for count in range(2, len(order) + 1):

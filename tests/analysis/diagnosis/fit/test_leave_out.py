@@ -40,6 +40,18 @@ def test_evidence_without_effects_equals_that_of_a_new_factor(places):
         np.testing.assert_allclose(reduced.cause_gains[kind], gain, atol=1e-3)
 
 
+@pytest.mark.parametrize("places", [(), (0,), (1,), (0, 1), (0, 1, 2)])
+def test_coefficients_without_effects_equal_those_of_a_new_factor(places):
+    selection, bare = _left_out().selection, _factored_again(places)
+    reduced, again = _left_out().coefficients_without(places), selection.posterior(bare)
+    of_forms, end = selection.columns.forms, selection.columns.set_ups.start
+    np.testing.assert_allclose(reduced.mean[:end], again.mean[:end], atol=1e-5)
+    np.testing.assert_allclose(selection.gains(bare, reduced), selection.gains(bare, again), atol=1e-3)
+    linear, factored = (each.gains(of_forms, bare.level) for each in (reduced, again))
+    shown = factored.sigma > 0.1  # the size of a form that hardly shows is rounding
+    np.testing.assert_allclose(linear.size[shown], factored.size[shown], rtol=1e-3, atol=1e-4)
+
+
 def test_only_names_that_explain_little_are_fitted_again():
     left_out = _left_out()
     whole = left_out.selection.evidence(left_out.state)

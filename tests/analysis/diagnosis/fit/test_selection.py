@@ -7,7 +7,7 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.candidates import Level, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise
-from analysis.diagnosis.fit.rivals import rival_odds
+from analysis.diagnosis.fit.rivals import Rivals
 from analysis.diagnosis.fit.search import search
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, is_one
@@ -49,7 +49,7 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival():
     place = state.effects.index(found)
     assert state.may_be_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
     assert found.transit == pytest.approx(0.35, abs=0.1)
-    one = rival_odds(selection, state, place)
+    one = Rivals(selection, state).odds(place)
     assert one.odds > 0.99 and one.healthy_odds < 1e-6
 
 

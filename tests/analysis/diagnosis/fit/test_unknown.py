@@ -119,9 +119,9 @@ def test_noise_shows_no_unknown_cause(causes):
 def test_unknown_cause_replaces_a_name_that_imitates_it():
     linear = healthy()
     slip = linear.without_set_up(linear.by_joint(2, _slips))[:, 0]
-    readings = white(linear, 5) + 300 * slip / np.linalg.norm(slip)
+    readings = white(linear, 5) + 3000 * slip / np.linalg.norm(slip)
     selection = Selection(holding(linear, readings), healthy_columns())
-    state = selection.initial_state((TransmissionError(axis=2, order=8, amplitude_deg=0.001),))
+    state = selection.initial_state((TransmissionError(axis=2, order=8, amplitude_deg=0.01),))
     compared = selection.against_unknown(state)
     assert compared.effects == () and "an error of axis 2 over its angle" in {cause.kind for cause in compared.unknown}
     assert selection.evidence(compared) > selection.evidence(state)
