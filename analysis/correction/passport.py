@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm
 from analysis.correction.work import rest_mm, rms_um, spread_angles, tool_poses
-from analysis.diagnosis.evidence.significance import SURE_SIGMA
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, SURE_SIGMA
 from analysis.diagnosis.judge.probability import CONFIRMED
 from analysis.diagnosis.judge.result import Diagnosis, Passport
 from analysis.procedures.shared.quantity import Quantity
@@ -29,7 +30,9 @@ def passport_of(diagnosis: Diagnosis) -> Passport | None:
     u_um = rms_um(frame_u_mm(real, uncertainty, q, q))
 
     def distance(poses: Array) -> Quantity:
-        return Quantity(rms_um(rest_mm(places, poses)), u_um, "µm")
+        um = rms_um(rest_mm(places, poses))
+        is_unknown = u_um > diagnosis.accuracy.now_um and um < CERTAIN_SIGMA * u_um
+        return Quantity(math.nan if is_unknown else um, u_um, "µm")
 
     data_sheet = None
     with suppress(FileError):  # constants of a controller whose data sheet is not in the library

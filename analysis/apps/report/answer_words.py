@@ -201,7 +201,7 @@ class AnswerWords:
 
     def likely_members(self, part: BudgetPart) -> str:
         """The effects of which one may cause a group of small errors; empty if none is likely."""
-        likely = [(member.effect, member.odds) for member in part.members]
+        likely = [(member.effect, member.odds) for member in part.members if member.is_dominant]
         if part.kind == "unexplained":  # names that an unknown cause may imitate
             likely = [(named.effect, named.probability) for named in self.diagnosis.effects if named.doubt in IMITATED]
         likely = [(effect, odds) for effect, odds in likely if odds >= LEAST_ODDS][:_MOST_NAMED]

@@ -40,7 +40,6 @@ from analysis.apps.report.diagnosis_words import (
 )
 from analysis.apps.report.summary_words import Summary, summarise
 from analysis.apps.report.texts import ENGLISH, Texts, joined
-from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
@@ -182,8 +181,7 @@ def _passport(words: AnswerWords) -> list[Block]:
 
 
 def _distance(distance: Quantity, words: AnswerWords) -> str:
-    """A distance with an uncertainty above the error of the arm is not known at all."""
-    if distance.u > words.diagnosis.accuracy.now_um and distance.value < CERTAIN_SIGMA * distance.u:
+    if math.isnan(distance.value):
         return words.texts("passport_unknown", u=micrometres(distance.u))
     return error_size(distance.value, distance.u)
 

@@ -252,7 +252,7 @@ class _SummaryWords(ActWords):
             share = part.share if part else 0.0
             causes.append(_Cause(share, self._effect(named, part, is_fault=True), is_certain, is_fault=True))
         for part in large_parts(diagnosis):
-            is_single = part.index is not None or bool(part.members and part.members[0].odds >= LIKELY)
+            is_single = part.index is not None or bool(part.likeliest and part.likeliest.odds >= LIKELY)
             is_certain = is_single and (has_certain_name(diagnosis, part) or self._is_usual_kind(part))
             if diagnosis.condition == "outside_library":
                 named_part = diagnosis.named_of(part)
@@ -296,7 +296,7 @@ class _SummaryWords(ActWords):
             member = joined([self.noun(named.effect), self.size_words(named)], ", ")
             name = joined([kind, usual, self._share(part)], ", ")
             return self.texts("possible_member", part=name, member=member, odds=sure(named.probability))
-        likeliest = part.members[0] if part.members and part.members[0].odds >= LIKELY else None
+        likeliest = part.likeliest if part.likeliest and part.likeliest.odds >= LIKELY else None
         # The odds of a member assume that the group exists, so the doubt about the group is stated too.
         is_open = likeliest and not has_certain_contribution(self.diagnosis, part)
         uncertain = self.texts("size_uncertain", um=self.error_size(part.um, part.u_um)) if is_open else ""
@@ -391,7 +391,7 @@ class _SummaryWords(ActWords):
         # An error that the acts do not certainly reduce is not shown as one after them.
         is_same = after.partition(" ± ")[0] == now.partition(" ± ")[0]
         if not label or is_same or after_um + measured_u(diagnosis, after_u_um) >= now_um:
-            after = ""
+            after, basis = "", "basis_now" if basis == "basis_left_out" else basis
         is_split = after and basis == f"basis_{accuracy.place}" and not correction
         notes = [
             texts(basis),

@@ -274,9 +274,20 @@ class Budget:
             ratio = um / usual_um if usual_um > _INVISIBLE_UM else 0.0
             rank: Rank = "undecided" if um < POSSIBLE_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
-            part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
-            drawn.append((part, vector))
+            part = replace(part, members=self._members(forms, vector)) if part.share > LARGE_SHARE else part
+            drawn.append((self._with_rank_of_member(part), vector))
         return drawn
+
+    def _with_rank_of_member(self, part: BudgetPart) -> BudgetPart:
+        """Rank of a usual group by the size of the member that certainly dominates it: many usual errors together are
+        larger than one fault.
+        """
+        if part.rank != "usual" or part.cause is None:
+            return part
+        effect, reference = part.cause.effect, self.result.reference
+        if abs(size_of(effect)) <= FAULT * effect.usual_times(reference):
+            return part
+        return replace(part, rank="undecided" if np.isfinite(least_fault(effect, reference)) else "difference")
 
     def _combined(self, indices: Integers) -> tuple[Array, Array, float]:
         """Changes (N, n) by columns, their sum (N,) at the means, and its standard uncertainty in µm."""
@@ -284,9 +295,9 @@ class Budget:
         u_um = float(np.sqrt(max(np.sum(moved.T @ moved * posterior.covariance_among(indices)), 0.0)))
         return moved, moved @ posterior.mean[indices], u_um
 
-    def _members(self, forms: Sequence[Form]) -> tuple[GroupMember, ...]:
-        """Possible members of a group, likeliest first, each in its best form and with its contribution among the small
-        terms. The odds include the case of no dominant member.
+    def _members(self, forms: Sequence[Form], group: Array) -> tuple[GroupMember, ...]:
+        """Possible members of a `group` (N,), likeliest first, each in its best form and with its contribution among
+        the small terms. The odds include the case of no dominant member.
 
         The runs cannot test invisible effects, and waves of which a joint covered only a few cycles, because a wrong
         zero looks like them.
@@ -308,7 +319,8 @@ class Budget:
         for k, likely in zip(best.values(), (odds / odds.sum())[1:].tolist(), strict=True):
             _, vector, u_um = self._combined(np.array(forms[k].columns))
             effect = combined_effect(forms[k].effects, posterior.size(forms[k]))
-            members.append(GroupMember(effect, float(np.linalg.norm(vector)), likely, u_um))
+            share = float(vector @ group) / max(float(group @ group), _NOTHING)
+            members.append(GroupMember(effect, float(np.linalg.norm(vector)), likely, u_um, share))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
 
 

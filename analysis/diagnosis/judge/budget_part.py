@@ -24,6 +24,10 @@ LARGE_SHARE = 1 / 3
 """Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
 
 
+_DOMINANT = 0.5
+"""Share of a group above which a member contributes more than all others together."""
+
+
 @dataclass(frozen=True)
 class GroupMember:
     """A candidate effect for a group of small terms: fitted size, rms in µm within the group, and odds of being the
@@ -34,6 +38,13 @@ class GroupMember:
     um: float
     odds: float
     u_um: float = 0.0
+    share: float = 1.0
+    """Share of the mean square of the group. It is negative if others cancel it, and may exceed 1."""
+
+    @property
+    def is_dominant(self) -> bool:
+        """True if it contributes more than all others together; a certain small member does not cause the error."""
+        return self.share > _DOMINANT
 
     @property
     def sd(self) -> dict[str, float]:
@@ -42,7 +53,7 @@ class GroupMember:
         return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
     def to_dict(self) -> dict[str, Any]:
-        return plain_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
+        return plain_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um, "share": self.share}
 
 
 @dataclass(frozen=True)
@@ -90,9 +101,15 @@ class BudgetPart:
     @property
     def cause(self) -> GroupMember | None:
         """The certain member of a group: the only dominant effect, with known contribution."""
-        likeliest = next(iter(self.members), None)
+        likeliest = self.likeliest
         is_cause = likeliest and likeliest.odds >= CONFIRMED and likeliest.um > SURE_SIGMA * likeliest.u_um
         return likeliest if is_cause else None
+
+    @property
+    def likeliest(self) -> GroupMember | None:
+        """The likeliest member of a group, if it dominates the group."""
+        likeliest = next(iter(self.members), None)
+        return likeliest if likeliest and likeliest.is_dominant else None
 
     @property
     def sigma(self) -> float:

@@ -182,6 +182,7 @@ class Movement:
 class Passport:
     """RMS distances of the tool in µm over the joint ranges of the runs, with base and tool taught; None if unknown.
 
+    The value of a distance is NaN (null in the JSON) if its uncertainty exceeds the error of the runs.
     changed: certain effects that are not part of the factory state or of the last visit.
     """
 

@@ -126,6 +126,15 @@ def test_a_likely_cause_that_is_not_certain_says_that_its_size_is_uncertain(u_um
     assert ("618 ± 148 µm" in summary.headline) == bool(keys)
 
 
+def test_certain_member_with_a_small_share_of_its_group_is_not_the_cause():
+    member = GroupMember(ZERO.effect, 58.0, 0.9995, 5.0, share=0.08)
+    part = BudgetPart("constants", 661.0, 32.0, 0.94, rank="usual", members=(member,))
+    found = diagnosis("nothing_unusual", budget=(part,))
+    assert keys_of(summarise(found).badge) != ("badge_cause_found",)
+    assert AnswerWords(found).noun(ZERO.effect) not in summarise(found).headline
+    assert AnswerWords(found).likely_members(part) == ""
+
+
 @pytest.mark.parametrize(("standing", "key"), [(None, "act_none_sound"), ("pass", "act_none_sound_within")])
 def test_only_an_error_that_was_judged_is_within_the_limits(standing, key):
     found = diagnosis("nothing_unusual", acts=(Act("none", "sound", (0,)),))

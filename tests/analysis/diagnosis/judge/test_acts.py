@@ -77,7 +77,7 @@ def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_as
     assert [(act.kind, act.why) for act in acts] == [("remaster", "sure_and_large")]
     assert acts[0].effect == zero and acts[0].u == pytest.approx(0.08 * 20 / 650)
     assert parts_to_identify(found.budget, ()) == []
-    for unsure in (replace(member, odds=0.9), replace(member, u_um=300.0)):
+    for unsure in (replace(member, odds=0.9), replace(member, u_um=300.0), replace(member, share=0.1)):
         open_part = replace(part, members=(unsure,))
         asked = acts_of(replace(found, budget=(open_part,)), _Judged())
         assert [(act.kind, act.why) for act in asked] == [("measure", "group")]

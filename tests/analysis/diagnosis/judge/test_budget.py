@@ -1,11 +1,14 @@
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import pytest
 
-from analysis.diagnosis.judge.budget_part import BudgetPart
+from analysis.diagnosis.judge.budget import Budget
+from analysis.diagnosis.judge.budget_part import BudgetPart, GroupMember
 from analysis.diagnosis.judge.result import Diagnosis
-from rigs.effects import JointOffset
-from rigs.schema.effect import label_of
+from rigs.effects import JointOffset, LinkGeometry
+from rigs.schema.effect import healthy, label_of, scaled
+from rigs.schema.reference import Reference
 from tests.support.diagnosis_cells import found_in, poses
 from tests.support.made_once import made_once
 
@@ -50,3 +53,26 @@ def test_parts_that_cancel_share_a_line():
     # each alone
     assert [one.um for one in line.together] == pytest.approx([large.contribution_um, small.contribution_um], rel=0.01)
     assert large.gap_without_um > 1.1 * line.um and small.gap_without_um > 0.2 * line.um
+
+
+_ZERO, _LENGTH = JointOffset(axis=2, offset_deg=1.0), LinkGeometry(axis=3, field="a", delta=1.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "times", "odds", "rank"),
+    [
+        (_ZERO, 4.0, 0.999, "usual"),
+        (_ZERO, 6.0, 0.999, "undecided"),
+        (_ZERO, 6.0, 0.6, "usual"),
+        (_LENGTH, 6.0, 0.999, "difference"),
+    ],
+)
+def test_group_is_usual_only_if_the_member_that_dominates_it_is(effect, times, odds, rank):
+    reference = Reference("light", is_data_sheet=True)
+    large = scaled(healthy(effect), times * effect.usual_times(reference))
+    part = BudgetPart(
+        "constants", 660.0, 30.0, 0.9, times_usual=0.4, rank="usual",
+        members=(GroupMember(large, 600.0, odds, 20.0, share=0.9),),
+    )  # fmt: skip
+    of_group = Budget(SimpleNamespace(reference=reference), None)
+    assert of_group._with_rank_of_member(part).rank == rank
