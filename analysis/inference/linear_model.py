@@ -215,7 +215,6 @@ def condition(model: LinearModel, prior: Prior, noise: ByBand | None = None) -> 
     return _by_readings(model, prior, noise) if model.products is None else _by_coefficients(model, prior, noise)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # By coefficients: with M = I + √V X'N⁻¹X √V, the covariance is A = √V M⁻¹ √V, and
 # a'Ωb = a'N⁻¹b − (√V X'N⁻¹a)' M⁻¹ (√V X'N⁻¹b) (Woodbury; Rasmussen and Williams, A.9 and A.10).
 
@@ -289,7 +288,6 @@ def _by_coefficients(model: LinearModel, prior: Prior, noise: ByBand) -> Posteri
     return PosteriorByCoefficients(model, prior, noise, factor, mean, log_evidence, products, gram)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # By readings: C itself is factored.
 
 
@@ -361,7 +359,6 @@ def _blocks_of_square(root: Matrix, columns: Indices) -> Matrix:
     return np.asarray(parts @ np.swapaxes(parts, -1, -2))
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Questions to a posterior.
 
 

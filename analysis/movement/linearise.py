@@ -70,7 +70,6 @@ def evenly(count: int, most: int) -> Mask:
     return keep
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Predictions of a run with a changed arm or set-up.
 
 
@@ -154,7 +153,6 @@ def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
     return causes + [Cause("target", name=name) for name in targets if len(targets) > 1]
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Columns.
 
 

@@ -560,7 +560,6 @@ def columns_of(table: Table) -> pa.Table:
     return pa.table({name: pa.array(values) for name, values in format_of(table.test).columns(table).items()})
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Rules for all tables from any program: finite, plausible numbers and increasing times.
 #
 # Import reports violations with line numbers. Run directories must be checked too, because their files may have been

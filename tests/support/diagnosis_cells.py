@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.apps.planning.detectability import CapabilityOfTests, plan
+from analysis.apps.planning.capability import CapabilityOfTests, plan
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import ObservedRun, observe_run

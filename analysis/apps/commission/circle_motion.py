@@ -1,4 +1,9 @@
-"""Circles in a path: their detection, the rows on them, and a fit that allows for slow noise."""
+"""Fit of a circle to the rows of one or several motions, with deviations averaged in blocks.
+
+Rows of stops, approaches and returns are excluded. Single rows distant from their neighbours are dropped and counted.
+Averages are taken over the deviations of neighbouring rows, not over places: the mean of places on an arc lies inside
+the arc.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.apps.commission.circle_search import DRIVEN, Tolerance, follow_circle
+from analysis.apps.commission.slow_noise import regress
 from analysis.robot.geometry.circle import (
     CircleFrame,
-    circle_frame,
-    circles_through,
     deviations,
-    largest_deviations,
     moved,
     nearest_circle,
 )
@@ -20,190 +24,6 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, forward
 from analysis.runs.loading import RobotMotion
 from analysis.runs.stands import Stand, stands_of
 from rigs.errors import FileError
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Search for the circular part of a path among approaches, returns and stops.
-#
-# The path is resampled at equal distances, so stops have no weight. Among circles through triples of points, the one
-# that the path follows over the largest angle wins. A straight line stays within the tolerance for at most 23°.
-
-_POINTS = 600
-"""Points along the path: a tenth of it still has sixty."""
-_TRIPLES = 1500
-"""Random triples; a few hundred lie on a circle that is a tenth of the path."""
-_BEST = 20
-"""Triples that are refined."""
-_REFINED = 3
-"""Fits to the points on a circle."""
-_RADIUS_MM = (1.0, 2000.0)
-"""Radii allowed in a rig file (`rigs.schema.declared_tests.Circle`)."""
-_OF_RADIUS = 0.01
-"""Largest deviation relative to the radius: a small circle must not absorb a corner."""
-_FEWEST_OF_A_STRETCH = 10
-"""Fewer points are the corner between two lines."""
-_HOLES = 2
-"""Consecutive outliers tolerated within a stretch: a few feedback rows may be wrong."""
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """Distance of a path from a circle that it follows, limited to `scale` hundredths of the radius."""
-
-    mm: float
-    scale: float
-    least_rad: float
-
-    def at(self, radius_mm: float) -> float:
-        return min(self.mm, self.scale * _OF_RADIUS * radius_mm)
-
-
-DRIVEN = Tolerance(0.5, 1.0, float(np.radians(30.0)))
-"""Circle driven by the robot. The constants of a healthy arm bend it by some tenths of a mm."""
-BENT = Tolerance(2.0, 3.0, float(np.radians(90.0)))
-"""Circle of a controller with other constants than the rig file, such as zeros wrong by 0.5°."""
-GUIDED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
-"""Circle along which the robot was guided by hand. A line stays within this for up to 52°."""
-
-
-@dataclass(frozen=True)
-class FoundCircle:
-    circle: CircleFrame
-    turned_rad: float
-
-
-def even_path(places: Array, run: Integers) -> tuple[Array, Integers]:
-    """Resample places (n, 3) to points (k, 3) at equal distances, each with its run number (k,)."""
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    steps[np.diff(run) != 0] = 0.0
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, along[-1], _POINTS)
-    points = np.stack([np.interp(at, along, column) for column in places.T], axis=1)
-    return points, run[np.searchsorted(along, at).clip(max=len(run) - 1)]
-
-
-def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCircle | None:
-    """Circle that equidistant points (k, 3) in mm follow over the largest angle; None if there is no circle."""
-    rng = np.random.default_rng(0)
-    half = np.exp(rng.uniform(np.log(3), np.log((len(points) - 1) / 2), _TRIPLES)).astype(int)
-    middle = (half + rng.uniform(size=_TRIPLES) * (len(points) - 2 * half)).astype(int)
-    rows = np.stack([middle - half, middle, middle + half], axis=1)
-    centre, normal, radius = circles_through(points[rows])
-    sound = (radius > _RADIUS_MM[0]) & (radius < _RADIUS_MM[1])
-    centre, normal, radius, rows = centre[sound], normal[sound], radius[sound], rows[sound]
-    limit = np.array([tolerance.at(mm) for mm in radius.tolist()])
-    turned = (largest_deviations(points, centre, normal, radius) < limit[:, None]).sum(axis=1) / radius
-    best: FoundCircle | None = None
-    for k in np.argsort(-turned)[:_BEST]:
-        circle, turned_rad = circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k]), 0.0
-        for _ in range(_REFINED):
-            on, turned_rad = follow_circle(circle, points, run, tolerance)
-            nearest = nearest_circle(points[on]) if on.sum() > 3 else None
-            if nearest is None or not _RADIUS_MM[0] < nearest.radius < _RADIUS_MM[1]:
-                break
-            circle = nearest
-        else:
-            if best is None or turned_rad > best.turned_rad:
-                best = FoundCircle(circle, turned_rad)
-    return best
-
-
-def follow_circle(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:
-    """Mask (k,) of the points in stretches that follow a circle, and the sum of their angles in rad."""
-    away = deviations(circle, points)
-    rows = np.flatnonzero(away.largest < tolerance.at(circle.radius))
-    kept, turned = np.zeros(len(points), dtype=bool), 0.0
-    breaks = np.flatnonzero((np.diff(rows) > 1 + _HOLES) | (np.diff(run[rows]) != 0)) + 1
-    for stretch in np.split(rows, breaks) if len(rows) else ():
-        turned_here = float(np.ptp(np.unwrap(away.phi[stretch])))
-        if turned_here >= tolerance.least_rad and len(stretch) >= _FEWEST_OF_A_STRETCH:
-            kept[stretch] = True
-            turned += turned_here
-    return kept, turned
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Regression with slow noise: the uncertainty of each coefficient if the errors of neighbouring readings correlate.
-#
-# The covariance of two readings is s² (white + r k(|t - t'| / tau)). The kernel k decays exponentially (rough) or is a
-# Matérn kernel of order 3/2 (smooth). Each combination of r and tau on a grid is weighted by the restricted likelihood,
-# with the coefficients and s integrated out; the result is the mean over all, each with a Student t distribution. Noise
-# that a record cannot reveal could have any size, so its standard deviation has a half-Cauchy prior as wide as the
-# residual (Gelman, Bayesian Analysis 1, 2006), and smooth noise correlates over at most a quarter of the record.
-
-_TIMES = 7
-"""Correlation times tried, from a step to the longest."""
-_LONGEST = (1.0, 0.25)
-"""Longest correlation times of rough and smooth noise, relative to the record. Slower noise looks like motion."""
-_SHARES = np.concatenate([[0.0], np.geomspace(1e-2, 1e6, 9)])
-"""Ratios of slow to white variance. White noise almost vanishes in the mean of some hundred readings."""
-_NONE = float(np.pi / np.log(_SHARES[2] / _SHARES[1]))
-"""Prior weight of no slow noise: the total weight of all other cases."""
-_NOTHING = 1e-24
-"""Squared deviation used for noise-free readings."""
-_DRAWS = 4000
-"""Draws of the coefficients: a 95 % quantile is then accurate to 2 %."""
-
-
-def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[tuple[Array, Array]]:
-    """Fit each column of readings (m, k) by the design (m, p): coefficients (p,) with covariance (p, p).
-
-    t_s (m,): timestamps. count (m,): number of equal readings averaged in each row. m must be at least p + 4.
-    """
-    m, p = design.shape
-    step = float(np.median(np.diff(t_s)))
-    span = max(step * m, 2 * step)
-    root = np.sqrt(count / count.mean())
-    residual = readings - design @ np.linalg.lstsq(design, readings, rcond=None)[0]
-    usual = np.maximum((residual**2).sum(axis=0) / (m - p), _NOTHING)
-    cases = []
-    for longest, smooth in zip(_LONGEST, (0.0, 1.0), strict=True):
-        for tau in np.geomspace(step, longest * span, _TIMES):
-            away = np.abs(t_s[:, None] - t_s) / tau
-            # Whiten with the white part: a single decomposition then serves every share.
-            level, V = np.linalg.eigh((1 + smooth * away) * np.exp(-away) * np.outer(root, root))
-            X, Y = (V.T @ (values * root[:, None]) for values in (design, readings))
-            for share in _SHARES.tolist():
-                variance = 1 + share * np.maximum(level, 0.0)
-                scaled = X / variance[:, None]
-                information = scaled.T @ X
-                inverse = np.linalg.inv(information)
-                values = inverse @ (scaled.T @ Y)
-                squares = np.maximum(((Y - X @ values) ** 2 / variance[:, None]).sum(axis=0), _NOTHING)
-                log = np.log(variance).sum() + np.linalg.slogdet(information)[1] + (m - p) * np.log(squares)
-                slow = share * squares / (m - p) / usual
-                # Half-Cauchy prior of the logarithm. Zero slow noise is as likely as any slow noise.
-                prior = np.sqrt(slow) / (1 + slow) if share else np.full(len(usual), _NONE)
-                cases.append((np.log(prior) - log / 2, values.T, squares, inverse))
-    logs, values, squares, inverses = (np.stack(part) for part in zip(*cases, strict=True))
-    return [_posterior(logs[:, k], values[:, k], squares[:, k], inverses, m - p) for k in range(len(usual))]
-
-
-def _posterior(logs: Array, values: Array, squares: Array, inverses: Array, free: int) -> tuple[Array, Array]:
-    """Mean (p,) and covariance (p, p) over all cases, scaled so that ±1.96 u of each coefficient covers 95 %.
-
-    logs (c,): log weights. squares (c,): whitened sums of squared residuals. inverses (c, p, p): covariances over s².
-    """
-    weight = np.exp(logs - logs.max())
-    weight /= weight.sum()
-    value: Array = weight @ values
-    rng = np.random.default_rng(0)
-    draws = []
-    for number, count in enumerate(rng.multinomial(_DRAWS, weight).tolist()):
-        size = np.sqrt(squares[number] / rng.chisquare(free, count))[:, None]
-        noise = rng.normal(size=(count, len(value))) @ np.linalg.cholesky(inverses[number]).T
-        draws.append(values[number] - value + size * noise)
-    off = np.concatenate(draws)
-    covariance = off.T @ off / _DRAWS
-    wide = np.quantile(np.abs(off), 0.95, axis=0) / 1.96 / np.sqrt(np.diag(covariance))
-    return value, covariance * np.outer(wide, wide)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Rows of one or several motions on a circle, and the deviations from it in blocks.
-#
-# Rows of stops, approaches and returns are excluded. Single rows distant from their neighbours are dropped and counted.
-# Averages are taken over the deviations of neighbouring rows, not over places: the mean of places on an arc lies inside
-# the arc.
 
 _BIN_S = 0.05
 """Bin length in the search for a circle: a few degrees of a fast circle."""

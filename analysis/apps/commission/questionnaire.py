@@ -152,7 +152,6 @@ def _with_options(stored: Answers, options: Options) -> Answers:
     return Answers.model_construct(**kept | given)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Robot.
 
 
@@ -222,7 +221,6 @@ def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> 
     dialogue.say("      HALFILE = rig.hal")
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Arm, tool and limits.
 
 
@@ -285,7 +283,6 @@ def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
     return {"tolerance_mm": dialogue.ask(question, "--tolerance-mm", read, f"{offered_tolerance_mm(rp_mm):g}")}
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Circle.
 
 

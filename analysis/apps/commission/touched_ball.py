@@ -46,7 +46,6 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
     return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Location of a fixed ball from places of the tool on a sphere of unknown radius about it. If a gauge on the link was
 # read, each distance is corrected by the reading.
 

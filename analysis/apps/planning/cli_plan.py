@@ -130,7 +130,7 @@ def plan(
 
 def _plan_tests(rig_file: str, tests: str | None, runs: int, level: float, *, as_json: bool) -> None:
     from analysis.apps.planning import plan_report
-    from analysis.apps.planning.detectability import plan, tests_named
+    from analysis.apps.planning.capability import plan, tests_named
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from rigs.load import load, named_by
@@ -148,7 +148,7 @@ def _propose(
     rig_file: str, tests: str | None, runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
     from analysis.apps.planning import plan_report
-    from analysis.apps.planning.detectability import tests_named
+    from analysis.apps.planning.capability import tests_named
     from analysis.apps.planning.proposal import propose
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of

@@ -47,7 +47,6 @@ _MOST_TARGETS = 60
 """Number of targets that are weighed. Chosen: their mean hardly changes with more."""
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # The reading that reduces the uncertainty of a figure most.
 
 
@@ -97,7 +96,6 @@ class ProgramReadings:
         return NextReading(self.readings[best], u_mm, after_mm) if is_worthwhile else None
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # The decision at targets.
 
 

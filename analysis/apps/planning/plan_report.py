@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from analysis.apps.planning.capability import CapabilityOfTests
+from analysis.apps.planning.circle_candidates import SET_UP_MIN
 from analysis.apps.planning.detectability import (
     ASSUMED_JOINT_DEG,
-    CapabilityOfTests,
     Detectability,
     Judgement,
     SeparatingTest,
     assumed_noise_um,
 )
-from analysis.apps.planning.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
+from analysis.apps.planning.proposal import CircleProposal, ProposedCircle
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT

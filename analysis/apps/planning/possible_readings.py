@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from analysis.apps.planning.circle_candidates import CircleCandidate, circle_candidates, circle_minutes
 from analysis.apps.planning.pose_pool import Sight, drawn_poses, joint_ranges
-from analysis.apps.planning.proposal import CircleCandidate, circle_candidates, circle_minutes
 from analysis.apps.planning.reading_pool import ReadingPool, as_readings
 from analysis.correction.support import why_nothing
 from analysis.correction.work import TaughtFrame

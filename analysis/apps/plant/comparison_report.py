@@ -15,7 +15,7 @@ from analysis.apps.report.chart import as_png, sheet_of
 from analysis.apps.report.diagnosis_answer import places_blocks, stairs_of_model, stairs_table
 from analysis.apps.report.diagnosis_picture import disagreement_picture
 from analysis.apps.report.model_charts import compared_chart
-from analysis.apps.report.run_charts import distinctly_named
+from analysis.apps.report.picture_files import distinctly_named
 from analysis.apps.report.texts import ENGLISH, LEADING, in_order
 from analysis.diagnosis.judge.comparison import Compared, Comparison
 

@@ -71,7 +71,7 @@ def analyse(
 
     truths = compare(results, truth) if truth else []
     if plot:
-        from analysis.apps.report.run_charts import save_all_pictures
+        from analysis.apps.report.picture_files import save_all_pictures
 
         with progress_of("drawing the pictures"):
             pictures = save_all_pictures(results, plot)

@@ -295,7 +295,6 @@ def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
     return [Table(columns, rows, {3, 5, 6}, key="stack"), *paragraphs(notes, "note")]
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # The staircase of the gap: the part that each step adds, and the residual after it.
 
 

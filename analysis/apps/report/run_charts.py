@@ -4,11 +4,8 @@ and paths of ISO 9283 on their plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -20,14 +17,12 @@ from analysis.apps.report.chart import (
     Picture,
     Role,
     SphereChart,
-    as_png,
     marks_of,
-    sheet_of,
 )
-from analysis.apps.report.texts import ENGLISH, LEADING, Texts
+from analysis.apps.report.texts import Texts
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pose import PoseResult
-from analysis.procedures.results import Result, by_test
+from analysis.procedures.results import Result
 from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import poses_of_cube
@@ -116,7 +111,6 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     return replace(chart, marks=marks_of([(reversal.phi_deg, reversal.joint) for reversal in reversals], texts))
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # Tests at targets.
 
 
@@ -235,7 +229,6 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
     return [plane, _chart("along", "targets", ("along_path", "error_path"), "µm", lines, texts)]
 
 
-# ----------------------------------------------------------------------------------------------------------------------
 # ISO 9283: commands on the inclined plane of the cube, with magnified deviations.
 
 
@@ -252,37 +245,3 @@ def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
     on_plane = np.stack([cube.level, cube.rising], axis=1)
     places = (cube.places_mm - cube.centre_mm) @ on_plane
     return places, places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Picture files: a sheet for each test on circles and each run at targets.
-
-
-def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
-    from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
-
-    files = dict[str, Callable[[BinaryIO], None]]()
-    for group in by_test(results):  # one test on one rig, both part of the file name
-        rig = group[0].measured.rig.name
-        stem = f"{rig}-{group[0].test}"
-        if isinstance(group[0].found, CircleResult):
-            title = f"{ENGLISH.test(group[0].test)} · {rig}"
-            for kind, charts in (("raw", raw_charts), ("error", circle_charts)):
-                files[f"{stem}-{kind}.png"] = as_png(partial(sheet_of, [title], charts(group, ENGLISH)))
-            continue
-        for name, result in distinctly_named(group):
-            figures = [
-                f"{ENGLISH.label(key).strip()} {figure}" for key, figure in result.figures.items() if key in LEADING
-            ]
-            lines = [f"{result.title} · {rig} · {result.name}", *figures]
-            files[f"{stem}-{name}.png"] = as_png(partial(sheet_of, lines, target_charts(result, ENGLISH)))
-    return write_views(directory, files)
-
-
-def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
-    """Names of results; equal names, from different directories, are numbered."""
-    names = [result.name for result in results]
-    return [
-        (name if names.count(name) == 1 else f"{name}-{place}", result)
-        for place, (name, result) in enumerate(zip(names, results, strict=True), start=1)
-    ]

@@ -114,7 +114,6 @@ class RealCell:
         if correction and correction.entered:
             self.entered.append(entries_file(self.directory / CORRECTIONS))
 
-    # ------------------------------------------------------------------------------------------------------------------
     # What the conductor of a session requests.
 
     def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
@@ -168,7 +167,6 @@ class RealCell:
     def close(self) -> None:
         self.stop_rigd()
 
-    # ------------------------------------------------------------------------------------------------------------------
     # What another kind of cell does in another way.
 
     def mount(self, stage: Stage, rig_file: Path) -> Path:
@@ -195,7 +193,6 @@ class RealCell:
             return False
         return answer.strip().lower() in ("", "y", "yes")
 
-    # ------------------------------------------------------------------------------------------------------------------
     # rigd.
 
     def start_rigd(self, rig_file: Path) -> None:
@@ -251,7 +248,6 @@ class RealCell:
         angles = [row[1 + columns.index(name)] for name in _JOINTS]
         return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)
 
-    # ------------------------------------------------------------------------------------------------------------------
     # Recording of a step.
 
     def _silence(self, problem: str) -> CellError:
@@ -384,7 +380,6 @@ class ServedCell(RealCell):
 
         return Child.start("analysis.cli", "rig emulate", arguments, self.directory / "emulated.log", hear=hear_line)
 
-    # ------------------------------------------------------------------------------------------------------------------
     # The actions of an operator.
 
     def mount(self, stage: Stage, rig_file: Path) -> Path:

@@ -165,7 +165,6 @@ class Conductor:
         self.session = self.session.model_copy(update=changed)
         self.place.write(self.session)
 
-    # ------------------------------------------------------------------------------------------------------------------
     # Runs and programs.
 
     def _adopt_runs(self) -> None:
@@ -206,7 +205,6 @@ class Conductor:
         files = {**self.rig.companion_files, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
         write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
 
-    # ------------------------------------------------------------------------------------------------------------------
     # A step.
 
     def _drive(self, number: int) -> None:
@@ -250,7 +248,6 @@ class Conductor:
         else:
             self._store_answer(answer)
 
-    # ------------------------------------------------------------------------------------------------------------------
     # Diagnosis.
 
     def _infer(self, *, joins: bool) -> None:
@@ -317,7 +314,6 @@ class Conductor:
         measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
         self._say(f"  further measurement: {measure}", f"  next stage: {stage.name}")
 
-    # ------------------------------------------------------------------------------------------------------------------
     # Correction and the end.
 
     def _verify_steps(self) -> list[ProgramStep]:

@@ -18,8 +18,8 @@ import yaml
 
 from analysis.apps.makers.motion_plan import MotionPlan, demand_of, seconds_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.apps.planning.detectability import plan as plan_tests
-from analysis.apps.planning.proposal import SET_UP_MIN
+from analysis.apps.planning.capability import plan as plan_tests
+from analysis.apps.planning.circle_candidates import SET_UP_MIN
 from analysis.apps.programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.apps.session.session_state import (
     ELSEWHERE,

@@ -231,7 +231,7 @@ def _require_same_model(own: Robot, robot: Robot, path: Path, *, names_type: boo
     raise FileError(str(path), problem, "give the arm that the file is of, or the file of this arm", code="robot.other")
 
 
-# --- the YAML of the ROS package ur_calibration
+# The YAML of the ROS package ur_calibration.
 
 
 def _frames(text: str, where: str) -> _Frames:
@@ -266,7 +266,7 @@ def _ros_links(frames: _Frames) -> Array:
     return np.concatenate([transforms(np.hstack([places, angles])), np.eye(4)[None]])
 
 
-# --- calibration.conf of the controller
+# Calibration.conf of the controller.
 
 
 def _differences(text: str, path: Path) -> tuple[list[Array], bool]:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.apps.commission.circle_motion import regress
+from analysis.apps.commission.slow_noise import regress
 
 T_S = np.linspace(0, 10, 60)
 DESIGN = np.stack([np.ones(60), np.cos(T_S), np.sin(T_S)], axis=1)

@@ -4,7 +4,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.apps.planning.detectability import plan
+from analysis.apps.planning.capability import plan
 from analysis.apps.planning.plan_report import plan_answer
 from analysis.diagnosis.fit.background import background_of
 from analysis.diagnosis.fit.candidates import HEALTHY, columns_for
@@ -152,7 +152,7 @@ def test_a_circle_that_cannot_be_driven_is_refused():
 
 def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
     monkeypatch.setattr(
-        "analysis.apps.planning.detectability.plan",
+        "analysis.apps.planning.capability.plan",
         lambda *_: replace(circle_alone, impossible=(("a flight", "no wings"),)),
     )
     monkeypatch.setenv("COLUMNS", "140")

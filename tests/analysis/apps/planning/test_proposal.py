@@ -2,12 +2,9 @@ import numpy as np
 import pytest
 
 from analysis.apps.planning import proposal as proposals
+from analysis.apps.planning.circle_candidates import circle_candidates
 from analysis.apps.planning.plan_report import write
-from analysis.apps.planning.proposal import (
-    CircleProposal,
-    circle_candidates,
-    propose,
-)
+from analysis.apps.planning.proposal import CircleProposal, propose
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
 from rigs.errors import FileError, RigError
