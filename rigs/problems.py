@@ -151,7 +151,7 @@ def _with(data: Any, loc: Place, key: str, value: str) -> Any:
 
 
 def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
-    """Convert an error of pydantic, without the tags of unions in its location, which are no keys of the file."""
+    """Convert a pydantic error. Union tags are dropped from its location, because the file has no such keys."""
     place: list[int | str] = []
     node = root
     for position, step in enumerate(detail["loc"]):

@@ -56,7 +56,7 @@ class PoseUncertainty:
 
     @property
     def factor(self) -> Array:
-        """A root (p, P) of the covariance of the parameters of `pose_derivatives`."""
+        """Square root (p, P) of the parameter covariance, for the columns that `pose_derivatives` gives."""
         if self.calibrated is None:
             return np.empty((0, 0))
         return self.calibrated.root[[row for row, _, _ in self._parameters]]

@@ -163,7 +163,7 @@ def is_plain(path: Path, test: TestName) -> bool:
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> MapProposal:
-    """Propose the column map of the files of a pose measurement, checked with the arm of a rig file.
+    """Propose which column of a pose measurement is what, checked with the rig's arm.
 
     topic: topic of the poses in a bag, if it has several. Raises FileError if the files do not fit the arm.
     """

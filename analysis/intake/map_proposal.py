@@ -126,7 +126,7 @@ class MapProposal:
 
 
 def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -> MapProposal:
-    """Propose the column map of a table of poses for the arm of a rig.
+    """Propose which column of a pose table is what, by the fit to the rig's arm.
 
     Raises FileError if columns of joints or places are missing, or if no interpretation fits the arm.
     """

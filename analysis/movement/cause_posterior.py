@@ -39,7 +39,7 @@ class CausePosterior:
 def posterior(
     predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
 ) -> CausePosterior:
-    """Probabilities of no movement, of the given causes, and of an unknown change.
+    """Compare no movement, the given causes and an unknown change as explanations of new readings.
 
     shifts: effect of each cause on the readings (n,) in mm. Pairs and triples of causes are tried if no single cause
     fits: a pair competes with the same pair and a third cause.
@@ -129,7 +129,7 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
 def _with_outlier(
     predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
 ) -> tuple[float, int]:
-    """Log evidence of a cause combined with an outlier, at the size of the cause alone, and the row of the outlier."""
+    """Test a cause together with one outlier: the log evidence at the cause's own size, and the outlier's row."""
     level = float(LEVELS[int(np.argmax(alone.level))])
     numbers, scatter = np.unique(row), sum(p.weight * p.scatter for p in predictions)
     logs = []

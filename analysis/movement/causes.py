@@ -75,7 +75,7 @@ NOTHING, OTHER = Cause("nothing"), Cause("other")
 
 
 def prior_of(causes: list[Cause]) -> dict[Cause, float]:
-    """Prior probability of each cause; causes of the same kind share the probability of the kind."""
+    """Prior probability by cause; the causes of one kind share what the kind has."""
     counts = {what: sum(cause.what == what for cause in causes) for what in PRIOR}
     raw = {cause: PRIOR[cause.what] / counts[cause.what] for cause in causes}
     total = sum(raw.values())

@@ -111,7 +111,7 @@ class Conditioned:
 
     @property
     def scatter_mm(self) -> float:
-        """Standard deviation in mm of a coordinate of the commonest kind of reading: the mean over scenarios."""
+        """Scatter in mm per coordinate for the commonest kind of reading, averaged over the scenarios."""
         mean = sum(s.weight * s.scatter for s in self.scenarios)
         return float(mean * np.median(self.reference.sd_mm))
 

@@ -218,7 +218,7 @@ def _with_constants(arm: Arm, change: Array) -> Arm:
 
 
 def constants_count(arm: Arm) -> int:
-    """Number of kinematic constants of an arm; columns of joint curves follow them."""
+    """Count the columns of kinematic constants, behind which those of joint curves begin."""
     return len(_FIELDS) * arm.axes
 
 

@@ -93,7 +93,7 @@ _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)
 
 
 def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
-    """Lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle.
+    """Delay in ms by which the gauges lag the robot's feedback, from acw and cw curves on one circle.
 
     Several kinds (angle, distance) together determine it better. radii_mm: per kind, the conversion of ball motion to
     its unit: 1 for a distance, the circle's radius for an angle.

@@ -274,7 +274,7 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
 def _plain(
     cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
 ) -> dict[str, Array]:
-    """Figures (m,) of m draws of the readings, including those of the fitted sphere.
+    """Compute the figures (m,) for m drawn sets of readings, so that their spread gives u.
 
     cell_mm (m, t, o): drawn readings. best (t, o): readings about which they are drawn. length_mm (m,): length added to
     every distance. The sphere is updated by a linear approximation.

@@ -99,7 +99,7 @@ def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
 
 
 def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> TouchTable:
-    """Touches of an arm with effects, in place of those of the rig file; seed: None for no scatter."""
+    """Simulate touches by an arm with these effects instead of the rig file's; seed: None for no scatter."""
     rng = np.random.default_rng(seed or 0)
     table, sockets = _planned(rig, rng)
     model = model_of(rig, effects)

@@ -107,7 +107,7 @@ def target_count(hemisphere: Hemisphere) -> int:
 
 
 def visit_starts(table: TargetTable, labels: Array) -> Mask:
-    """Mask (n,) of the rows at which a new standstill starts.
+    """Find the rows (n,) at which a new standstill starts; those up to the next belong to one visit.
 
     A standstill starts if the joints moved, or if the labels (n, k) or the reading differ from the previous row.
     """

@@ -86,7 +86,7 @@ class Instants:
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
-    """Time of each gauge reading, in the middle of the averaging interval of the filter."""
+    """Time at which each gauge reading was true: the middle of the filter's averaging interval."""
     stream, doubts = _without_standing_clock(stream)
     timing, device_s = gauge.timing, stream["device_time_s"]
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns

@@ -128,7 +128,7 @@ def _has_line(members: tuple[Gauge, ...]) -> bool:
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
-    """Combinations of the enumerated keys of an instrument, with the usual cable of the maker.
+    """Settings to try for an instrument: all combinations of its enumerated keys, with the maker's usual cable.
 
     Other cables poll with a modem line, which may affect other devices.
     """

@@ -346,7 +346,7 @@ def label_of(effect: Effect) -> str:
 
 
 def whole_order(order: float) -> float:
-    """Displayed order of a gear wave, rounded to an integer (the number of teeth) if within a tenth of a wave."""
+    """Gear order to display: the nearest integer (a number of teeth) if it is within a tenth of a wave."""
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 

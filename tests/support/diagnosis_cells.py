@@ -129,7 +129,7 @@ def plan_of_circles() -> CapabilityOfTests:
 def plan_without_further_tests() -> CapabilityOfTests:
     """Return the capability of a yaw circle only, without comparing further tests, which takes most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analysis.apps.planning.detectability.possible_tests", lambda *_, **__: ([], []))
+        patch.setattr("analysis.apps.planning.capability.possible_tests", lambda *_, **__: ([], []))
         return plan(RIG, ("yaw",))
 
 

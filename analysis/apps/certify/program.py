@@ -52,8 +52,10 @@ class Listed:
 def targets_of(
     path: Path, rig: Rig, frames: Frames, *, near: str | None, start: str | None, load_kg: float | None
 ) -> Listed:
-    """Targets of a program of any maker, or of a CSV table. near, start: posture of a table of poses or of the start of
-    a program, as on the command line. load_kg: payload, None for that of the rig.
+    """Read the targets to certify, from a robot program or a CSV table.
+
+    near, start: posture of a table of poses or of the start of a program, as on the command line. load_kg: payload,
+    None for that of the rig.
     """
     if path.is_dir() or maker_of_file(path):
         if near is not None:

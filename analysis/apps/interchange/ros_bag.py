@@ -93,7 +93,7 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
 
 
 def _stream(topic: str, track: Track, begin_ns: int) -> tuple[Columns, list[str]]:
-    """Columns of an instrument's stream from the messages of a topic, in order of time, and doubts."""
+    """Convert the messages on a topic to stream columns in order of time, with doubts."""
     order = np.argsort(np.array(track.log_ns), kind="stable")
     ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.log_ns, track.sent_ns))
     values = np.array(track.values)[order]

@@ -270,7 +270,7 @@ def axes_and_joints(urdf: Urdf, chain: Chain) -> tuple[AxisLines, tuple[Joint, .
 
 
 def _mass_beyond(urdf: Urdf, joint: UrdfJoint, T: Array) -> tuple[float, Array]:
-    """Mass in kg of the link of a joint at T and of all links fixed to it, and their centre (3,) mm in the base."""
+    """Mass in kg that a joint at T carries rigidly (all links fixed to its own), and its centre (3,) mm in the base."""
     kg, moment, todo = 0.0, np.zeros(3), [(joint.child, T)]
     while todo:
         link, T_link = todo.pop()

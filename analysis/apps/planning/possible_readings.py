@@ -181,7 +181,7 @@ def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Ar
 
 
 def _simulate_readings(rig: Rig, readings: Sequence[Reading]) -> tuple[list[Block], dict[str, SetUp], list[Integers]]:
-    """Blocks of readings, their set-ups, and the index (N,) of the reading to which each entry of a block belongs."""
+    """Simulate readings as blocks with set-ups, and say to which reading each entry belongs (N,)."""
     found = list[tuple[Block, SetUp, Integers]]()
     at_angles = [(reading.kind != "pose", reading.socket) for reading in readings if reading.circle is None]
     for is_touch, socket in dict.fromkeys(sorted(at_angles, key=lambda one: one[0])):

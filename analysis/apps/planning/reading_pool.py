@@ -69,6 +69,6 @@ def _gains(own: Array, across: Array) -> Array:
 
 
 def as_readings(rows: Sequence[Array]) -> Array:
-    """Readings of different numbers of entries (e, k) as an array (r, e, k), with rows of zeros at the end."""
+    """Stack readings with different numbers of entries (e, k) as (r, e, k), padded with zeros."""
     width = max(map(len, rows))
     return np.stack([np.pad(entries, ((0, width - len(entries)), (0, 0))) for entries in rows])

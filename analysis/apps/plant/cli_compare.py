@@ -146,7 +146,7 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path]) -> _Shown:
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
-    """Rig of an arm; that of the runs with the arm of a URDF or of a file with only the section robot.
+    """Load the rig to compare. A URDF, or a file with only `robot`, replaces the arm in the rig of the runs.
 
     Runs of gauges need a rig file, which states where the ball link is on the flange.
     """

@@ -269,7 +269,7 @@ class Examined:
 
 
 def examine(path: Path) -> Examined | None:
-    """None if the run is gone."""
+    """Evaluate a run for the catalogue; None if the run is gone."""
     try:
         run = look(path)
     except OSError as error:

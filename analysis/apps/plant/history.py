@@ -90,7 +90,7 @@ def label_of(figure: str) -> str:
 def history_of(
     collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
 ) -> History:
-    """limits: in place of those of the newest run."""
+    """Follow each figure over the runs. limits: in place of those of the newest run."""
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
     if not runs:
@@ -155,7 +155,7 @@ class JudgedSeries:
 
 
 def judge(series: Series) -> JudgedSeries | None:
-    """None without a limit."""
+    """Judge the newest run of a series by its limit; None without a limit."""
     if series.limit is None:
         return None
     last = max(np.flatnonzero(~series.trend.wild), default=-1)

@@ -170,7 +170,7 @@ thousandths; poses that hardly move always leave a few mm.
 
 
 def right_mm(extent_mm: float) -> float:
-    """Largest residual of places of an extent with nominal constants of the right arm."""
+    """Largest residual that the right arm may leave with nominal constants, for places of this extent."""
     return min(max(RIGHT_MM, _RIGHT_PER_MM * extent_mm), RIGHT_SHARE * extent_mm)
 
 

@@ -94,7 +94,7 @@ class HatSums:
 
     @property
     def rows(self) -> Array:
-        """The sum of all products of hat functions is the number of rows."""
+        """Number of rows in the lap: all products of hat functions add up to it."""
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:

@@ -266,7 +266,7 @@ def _ros_links(frames: _Frames) -> Array:
     return np.concatenate([transforms(np.hstack([places, angles])), np.eye(4)[None]])
 
 
-# Calibration.conf of the controller.
+# The file calibration.conf of the controller.
 
 
 def _differences(text: str, path: Path) -> tuple[list[Array], bool]:

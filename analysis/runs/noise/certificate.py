@@ -100,7 +100,7 @@ def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[
 
 
 def link_excess_mm(rig: Rig) -> float:
-    """Certified length of the link at the temperature of the cell, minus the radius of the hemisphere."""
+    """Excess of the certified link length, at cell temperature, over the hemisphere's radius."""
     if rig.link is None or rig.tests.hemisphere is None:
         return 0.0
     return rig.link.length_mm * _growth(rig.link, rig.temperature) - rig.tests.hemisphere.radius_mm

@@ -72,7 +72,7 @@ def running_median(values: Array) -> Array:
 
 
 def is_outlier(values: Array) -> Mask:
-    """Mask of readings (n,), in order of time, that differ from their neighbours by more than jumps of the curve do."""
+    """Find readings (n,) in order of time that differ from their neighbours more than any jump of the curve."""
     if len(values) < 7:
         return np.zeros(len(values), dtype=bool)
     median = running_median(values)

@@ -69,7 +69,7 @@ class LapNoise:
     source: NoiseSource
 
     def power(self, laps: int, rows: float, lap_s: float) -> Array:
-        """Mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of laps.
+        """Noise power (m, NODES // 2 + 1) by Fourier order that remains after averaging the laps.
 
         rows: number of rows in each lap.
         """

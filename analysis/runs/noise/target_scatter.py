@@ -112,7 +112,7 @@ def freedom_of(readings_mm: Array) -> int:
 def scatter_of(
     readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate, step_mm: float = 0.0
 ) -> Scatter:
-    """Scatter of readings (t, k, n) mm of k cells at each of t targets, NaN for missing readings.
+    """Estimate the scatter at each of t targets from readings (t, k, n) mm in k cells, NaN if missing.
 
     u_mm: standard uncertainty of a gauge reading in addition to the rounding to step_mm (variance step²/12), a lower
     limit of the scatter. t_s: times of the readings, if drift is to be separated from scatter.
@@ -137,8 +137,7 @@ def _typical(away_mm: Array, least_mm: float) -> float:
 
 
 def _drift_shapes(t_s: Array) -> Array:
-    """Polynomials (t, k, n, d) of the time of each reading with zero mean over the run, in mm of the drift of
-    a real cell."""
+    """Polynomials in time (t, k, n, d) with zero mean over the run, scaled to the drift in mm of a real cell."""
     read = np.isfinite(t_s)
     begin, end = float(t_s[read].min()), float(t_s[read].max())
     x = np.where(read, 2 * (t_s - begin) / max(end - begin, 1e-9) - 1, 0.0)
