@@ -26,6 +26,7 @@ WHOLE = f"!/[…–]/.test({TEXT.format('acw-band')})"
 MAKES = "Boolean(document.querySelector('meta[http-equiv=refresh]'))"
 SIZES = {"telephone": (390, 844), "tablet": (820, 1180), "desk": (1440, 900)}
 HOSTILE = "a<img src=x onerror=alert(1)>"
+_MOST_LAPS = 6
 TOKEN = "a-token-of-some-letters"  # noqa: S105 - of the test
 
 
@@ -175,18 +176,21 @@ def test_lap_is_recorded_from_the_page_and_survives_the_daemon(chromium, tmp_pat
             chromium.value("document.getElementById('label-name').value = 'lap'; document.forms[1].requestSubmit()")
             chromium.until(f"{TEXT.format('recording')}.includes('lap yaw acw')")
             chromium.until(f"{TEXT.format('said')}.includes('/runs/')")
-            keyboard("acw")
-            chromium.until("['lap', 'lead_in'].includes(known.now.lap.place)")
-            chromium.until("known.now.lap.place === 'lead_out'")
-            chromium.until(f"{TEXT.format('acw-band')} !== '–'")
+            # On a busy computer rigd answers late, and the page may miss a lap. Then the person drives again.
+            for _ in range(_MOST_LAPS):
+                said = keyboard("acw")
+                time.sleep(float(said.rpartition(", ")[2].removesuffix(" s")))  # the robot moves in real time
+                if chromium.value(TEXT.format("acw-band")) != "–":
+                    break
             chromium.value("document.querySelector('form[action=\"/control/stop\"]').requestSubmit()")
             chromium.until(f"{TEXT.format('recording')}.includes('not recording')")
             answered = "!document.querySelector('form[action=\"/control/stop\"] button').disabled"
             chromium.until(answered)
             assert [path.name.split("_")[1] for path in (tmp_path / "runs").iterdir() if path.is_dir()] == ["lap"]
-            band = chromium.value(TEXT.format("acw-band"))
             bench.signalled(signal.SIGKILL)
             chromium.until("document.getElementById('state').classList.contains('stale')")
+            band = chromium.value(TEXT.format("acw-band"))
+            assert band != "–"
             assert "rigd" in chromium.value(TEXT.format("state"))
             bench.start().all_reading()
             chromium.until("!document.getElementById('state').classList.contains('stale')")
