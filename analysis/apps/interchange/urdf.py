@@ -418,7 +418,8 @@ def library_poses(urdf: Urdf, chain: Chain, q: Array) -> Array:
     except ModuleNotFoundError as error:
         problem = f"needs the Python package {error.name}, which is missing"
         raise CellError("import-urdf", problem, to_install("pytransform3d"), code="package.missing") from None
-    frames: Any = UrdfTransformManager()
+    # Its check of each product of rotations, in every pose, takes most of the time.
+    frames: Any = UrdfTransformManager(check=False)
     sliding = chain.rail.name if chain.rail else None
     for joint in parse_urdf(urdf.kinematics)[2]:
         kind = "prismatic" if joint.joint_name == sliding else "fixed" if joint.joint_type == "fixed" else "revolute"
