@@ -8,17 +8,17 @@ from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Robot
 
-_ALIKE_MM, _ALIKE_SHARE, _ALIKE_DEG = 10.0, 0.02, 3.0
-"""Largest differences between the constants of one robot and the data sheet: 10 mm or 2 % of a length, and 3°.
+_ALIKE_SHARE, _ALIKE_DEG = 0.01, 3.0
+"""Largest differences between the constants of one robot and the data sheet: 1 % of the reach, and 3°.
 
-Chosen: constants of real controllers differ by less than half of that. `d_mm` is not compared, because it is not
-determined at parallel axes.
+Chosen: constants of real controllers (UR, reach 0.9 to 1.8 m) differ by less than a fifth of that. `d_mm` is not
+compared, because it is not determined at parallel axes.
 """
 
 
-def _differing(given: JointAxis, named: JointAxis) -> Iterator[str]:
+def _differing(given: JointAxis, named: JointAxis, reach_mm: float) -> Iterator[str]:
     """Keys of constants that are not those of the same arm."""
-    if abs(given.a_mm - named.a_mm) > max(_ALIKE_MM, _ALIKE_SHARE * abs(named.a_mm)):
+    if abs(given.a_mm - named.a_mm) > _ALIKE_SHARE * reach_mm:
         yield "a_mm"
     if abs((given.alpha_deg - named.alpha_deg + 180) % 360 - 180) > _ALIKE_DEG:
         yield "alpha_deg"
@@ -33,7 +33,7 @@ def named_arm_doubts(robot: Robot) -> Iterator[str]:
     """Constants that differ from the named arm by more than robots of the same model do."""
     named = _named(robot)
     for number, (given, its) in enumerate(zip(robot.axes, named.axes, strict=True) if named else (), 1):
-        for key in _differing(given, its):
+        for key in _differing(given, its, named.reach_mm if named else 0.0):
             yield (
                 f"{robot.axis_words(number)}: {key} is {getattr(given, key):g}, but {getattr(its, key):g} in the arm "
                 f"{robot.arm} of the library, which robot.arm names; correct one of them, or remove robot.arm"
@@ -45,7 +45,8 @@ def refuse_classic_constants(robot: Robot, where: str) -> None:
     named = _named(robot)
     if named is None or not any(named_arm_doubts(robot)):
         return
-    if not any(any(_differing(*pair)) for pair in zip(robot.read_as_classic.axes, named.axes, strict=True)):
+    as_classic = zip(robot.read_as_classic.axes, named.axes, strict=True)
+    if not any(any(_differing(given, its, named.reach_mm)) for given, its in as_classic):
         raise FileError(
             f"{where}, robot.axes",
             f"has the constants of {robot.arm} in the classic notation of Denavit and Hartenberg, but rig uses the "

@@ -34,13 +34,14 @@ from analysis.apps.makers.target import (
 from analysis.correction.corrected_targets import NotCorrected, WorkError
 from analysis.correction.point_origins import NewPoints, PointOrigin, merged
 from analysis.correction.reasons import Reason
+from analysis.robot.description.controller_constants import largest_correction_mm
 from analysis.robot.kinematics.arm import Array, forward, pose_error
 from rigs.errors import FileError
 from rigs.schema.vocabulary import MakerName
 
-MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
-"""Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm; a larger error means that
-the arm must be mastered, or the rig file is wrong. A joint that turns by 10° is near a singularity."""
+_MOST_DEG, _MOST_JOINT_DEG = 1.0, 10.0
+"""Largest turns written, with the displacement of `largest_correction_mm`. A joint that turns by 10° is near a
+singularity."""
 
 _SAME_POSE = 1e-9
 """Difference of two poses, in mm, below which the numbers stay: below the decimals of any language."""
@@ -325,7 +326,8 @@ def _refused(
     turned = pose_error(done.T[places], forward(program.arm, program.q[places]))[:, 3:]
     turned_deg = np.degrees(np.linalg.norm(turned, axis=1))
     joint_deg = np.degrees(np.abs(done.q[places] - program.q[places])).max(axis=1, initial=0.0)
-    large = (moved_mm[places] > MOST_MM) | (turned_deg > _MOST_DEG) | (joint_deg > _MOST_JOINT_DEG)
+    most_mm = largest_correction_mm(points.then.robot)
+    large = (moved_mm[places] > most_mm) | (turned_deg > _MOST_DEG) | (joint_deg > _MOST_JOINT_DEG)
     reasons |= dict.fromkeys(places[large].tolist(), "too_large")
     if points.then.robot.rail is not None:  # It carries the arm to another place of a pose.
         poses = ((k, target) for k, target in enumerate(program.targets) if not target.joints)

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.correct.corrected_program import MOST_MM, CorrectedProgram, PointGroup
+from analysis.apps.correct.corrected_program import CorrectedProgram, PointGroup
 from analysis.apps.correct.shared_corrections import REMAINING_SHARE, SharedCorrection
 from analysis.apps.report.blocks import Block, Heading, Sentence, paragraphs
 from analysis.apps.report.texts import ENGLISH, joined
 from analysis.correction.corrected_targets import WorkError
 from analysis.correction.point_origins import ChangedArm, ConvertedPoints, PointOrigin
 from analysis.correction.reasons import WHY, Reason
+from analysis.robot.description.controller_constants import MOST_ZERO_DEG
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 from analysis.runs.tabular import pick_fields
@@ -27,7 +28,7 @@ _KEPT = 10_000
 _SHOWN_UM = 1.0
 """Rounding in µm below which nothing is reported: no supported gauge resolves it."""
 _MORE: dict[Reason, str] = {
-    "too_large": f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)",
+    "too_large": f" (more than a zero wrong by {MOST_ZERO_DEG:g}° causes at full reach, 1°, or 10° of a joint)",
     "not_understood": " (add the files of called routines, or name them with --neutral)",
 }
 """Limits and remedies after the reason for uncorrected targets."""

@@ -38,8 +38,10 @@ _SPARE = 10
 _DIGITS = 7
 _SAME_MM = 1e-3
 """Distance of the flange below which two sets of constants are equal: the digits of files and rig files differ."""
-_ENTERED_MM = 10.0
-"""Largest distance of the flange by pins entered since a diagnosis: `rig correct` refuses larger corrections."""
+MOST_ZERO_DEG = 0.5
+"""Wrong joint zero that a correction may compensate. A larger error means that the arm must be mastered, or that the
+rig file is wrong.
+"""
 _MOST_DECIMALS = 6
 
 
@@ -116,9 +118,15 @@ def refuse_other_constants(rig: Rig, read: ControllerConstants, where: str) -> N
         problem = f"contradicts the constants of the controller with which the arm was diagnosed{name}"
         raise FileError(where, problem, remedy, code="robot.other")
     apart_mm = _apart_mm(rig.robot, held, read.axes)
-    if apart_mm > (_ENTERED_MM if read.linear_units else _SAME_MM):
+    # Pins may have been entered since the diagnosis.
+    if apart_mm > (largest_correction_mm(rig.robot) if read.linear_units else _SAME_MM):
         problem = f"holds other constants than those of the diagnosis{name}: they move the flange by {apart_mm:.2f} mm"
         raise FileError(where, problem, remedy, code="robot.other")
+
+
+def largest_correction_mm(robot: Robot) -> float:
+    """Largest displacement of the tool that is corrected: by a zero wrong by `MOST_ZERO_DEG`, at full reach."""
+    return float(np.radians(MOST_ZERO_DEG)) * robot.reach_mm
 
 
 def data_sheet_of(robot: Robot) -> Robot:

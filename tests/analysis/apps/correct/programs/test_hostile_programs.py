@@ -11,6 +11,8 @@ from analysis.apps.correct.program_report import blocks
 from analysis.apps.correct.stated_frames import frames_of
 from analysis.apps.correct.stated_points import computed_points
 from analysis.correction.support import ANYWAY
+from analysis.robot.description.controller_constants import largest_correction_mm
+from rigs.arms import load_arm
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from tests.support.answers import words_of
@@ -100,8 +102,13 @@ def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path, cell):
     assert "\x1b" not in done.stdout and "\x1b" not in done.stderr
 
 
+@pytest.mark.parametrize(("arm", "most_mm"), [("ur10e", 15.5), ("fanuc-lr-mate-200id", 7.2)])
+def test_largest_correction_scales_with_the_reach(arm, most_mm):
+    assert largest_correction_mm(load_arm(arm).robot) == pytest.approx(most_mm, abs=0.1)
+
+
 def test_a_correction_beyond_what_is_plausible_is_refused(script):
-    huge = JointOffset(axis=1, offset_deg=0.9, found=found(offset_deg=0.01))
+    huge = JointOffset(axis=1, offset_deg=1.1, found=found(offset_deg=0.01))
     refused = _corrected(script, huge)
     assert [one.reason for one in refused.left] == ["too_large"]
     assert refused.files["a.script"] == script.read_bytes()
