@@ -24,7 +24,7 @@ from analysis.robot.kinematics.arm import arm_of, controller_robot
 from rigs.errors import FileError, UseError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.text import nearest
+from rigs.text import first_of, nearest
 
 KINDS: Mapping[PointKind, str] = {
     "computed": "from CAD, offline programming, a vision system, or a frame touched with an instrument",
@@ -104,11 +104,17 @@ class StatedPoints:
                 refuse_converted(program, origin.digest)
 
     def refuse_unmatched(self, points: Sequence[tuple[str, int, str]]) -> None:
-        """Raise UseError for an exception that names no point (file, line, name) of the programs."""
-        matched = {name for point in points for name in self.exceptions.matching(*point)}
+        """Raise UseError for an exception that names no point (file, line, name) of the programs, or different points
+        of several files.
+        """
         names = sorted({name for *_, name in points})
         for given in self.exceptions.names:
-            if given not in matched:
+            files = sorted({point[0] for point in points if given in self.exceptions.matching(*point)})
+            if len(files) > 1 and given.casefold() in map(str.casefold, names):
+                problem = f"is a point of {len(files)} files: {first_of(files, _SHOWN)}"
+                remedy = f"give {files[0]}:{given} for one of them, or *:{given} for all"
+                raise UseError(f"{self.exceptions.option} {given}", problem, remedy)
+            if not files:
                 near = nearest(given, names) or names[:_SHOWN]
                 problem = "no point of the programs has this name"
                 remedy = f"give a name of the program, such as {', '.join(near)}" if near else "remove it"

@@ -19,7 +19,7 @@ from rigs.edit import extended
 from rigs.effects import JointOffset
 from tests.analysis.apps.correct.programs.cells import write_files
 from tests.analysis.apps.correct.test_linuxcnc import rig_at
-from tests.support.command_line import errors_of, failure_of, json_of, succeeded
+from tests.support.command_line import errors_of, failure_of, json_of, ran, succeeded
 from tests.support.refusals import refused
 from tests.support.stated_controller import load
 from tests.support.written_files import contents
@@ -153,6 +153,15 @@ def test_folder_of_programs_states_the_origin_of_each(tmp_path, cell):
     done = json_of(*words, "--taught", "a.script:movej")
     assert [program["points"][0]["origin"] for program in done["programs"]] == ["taught", "computed"]
     assert sorted(file.name for file in (tmp_path / "out").glob("*.script")) == ["b.script"]
+
+
+@pytest.mark.parametrize(("name", "code"), [("movej", 2), ("*:movej", 0), ("a.script:movej,b.script:movej", 0)])
+def test_name_of_points_in_several_files_needs_a_file(name, code, tmp_path, cell):
+    folder = tmp_path / "programs"
+    write_files(folder, {f"{name}.script": "movej([0,-1.4,1.7,-0.3,1.4,0])\n" for name in ("a", "b")})
+    done = ran("correct", cell, "--program", folder, "-o", tmp_path / "out", "--points", "computed", "--taught", name)
+    assert done.returncode == code
+    assert ("a.script, b.script" in done.stderr) == bool(code)
 
 
 @pytest.mark.parametrize("maker", ["kuka", "fanuc", "ur"])
