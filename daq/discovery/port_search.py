@@ -42,8 +42,6 @@ _SILENT_S = 20.0
 _CONFIRM_S = 0.5
 """Time for further readings after a match."""
 LISTEN_S = 1.0
-_FORGIVING = ("sylvac_opto_rs", "mahr_c1202", "mitutoyo_qm_height", "mitutoyo_usb")
-"""Interfaces with messages that end in a single carriage return."""
 _ROOT = Path("/")
 
 _PORT: TypeAdapter[str] = TypeAdapter(Port)
@@ -177,7 +175,7 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     An interface whose messages end in a carriage return also matches instruments that add a line feed.
     """
     enough, understood, readings = candidate[1].evidence
-    return enough, understood, candidate[0].interface not in _FORGIVING, readings
+    return enough, understood, not candidate[0].gauges[0].ends_in_cr, readings
 
 
 def _try_attempt(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:

@@ -24,6 +24,7 @@ from rigs.schema.vocabulary import FURTHER
 class SylvacOptoRS(Probe):
     """Sylvac simplex or duplex cable, and compatible cables."""
 
+    ends_in_cr: ClassVar[bool] = True
     origin: ClassVar[Origin] = Origin(
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
         source="maker's manuals; modem lines: Sylvac Opto instruments, user manual p. 12-13",
@@ -78,6 +79,7 @@ class TesaTT(Probe):
 class MahrC1202(Probe):
     """Mahr Millimar C1202: up to three features, selected by `channel`. Two gauges may share it."""
 
+    ends_in_cr: ClassVar[bool] = True
     origin: ClassVar[Origin] = Origin(
         instruments="Mahr Millimar C1202", source="maker's manual p. 82", standing="confirmed"
     )
@@ -203,6 +205,7 @@ class MagnescaleMG80(Probe):
 class MitutoyoUSB(Probe):
     """Mitutoyo gauges with a virtual COM port, USB id 0fe7:4001."""
 
+    ends_in_cr: ClassVar[bool] = True
     origin: ClassVar[Origin] = Origin(
         instruments="Mitutoyo USB virtual COM port (0fe7:4001)",
         source="public code",
@@ -219,6 +222,7 @@ class MitutoyoUSB(Probe):
 class MitutoyoQMHeight(Probe):
     """Mitutoyo QM-Height on the USB port."""
 
+    ends_in_cr: ClassVar[bool] = True
     origin: ClassVar[Origin] = Origin(
         instruments="Mitutoyo QM-Height",
         source="reply: maker's manual p. 73 (p. 61 of the print)",

@@ -218,6 +218,8 @@ class Probe(Part):
     """Modem lines by kind of cable, for cables powered by the port."""
     bus: ClassVar[bool] = False
     """True if a port can have several gauges, polled separately."""
+    ends_in_cr: ClassVar[bool] = False
+    """True if messages end in a single carriage return, which also fits instruments that add a line feed."""
     request_bytes: ClassVar[int] = 1
     """Minimum number of characters of a request on a serial line, for the transmission time."""
     timing_source: ClassVar[str] = "the instant of a reading is not published"
