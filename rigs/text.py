@@ -63,8 +63,8 @@ def first_of(items: Sequence[object], most: int, separator: str = ", ") -> str:
 
 
 def enumerated(words: Sequence[str], last: str = "and") -> str:
-    """Format words as `a, b and c`, with a different word before the last one if given."""
-    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+    """Format words as `a, b and c`, with a different word before the last one if given; empty without words."""
+    return f" {last} ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
 def numbers_in(text: str) -> tuple[float, ...]:

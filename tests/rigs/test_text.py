@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigs.text import counted, escape_lines, escape_text, escape_values
+from rigs.text import counted, enumerated, escape_lines, escape_text, escape_values
 
 
 @given(st.text())
@@ -32,3 +32,7 @@ def test_the_texts_in_json_are_plain():
 def test_counted_nouns_have_plurals(count, words):
     assert counted(count, "run") == words
     assert counted(count, "run is", "runs are").split()[:2] == words.split()
+
+
+def test_no_words_are_enumerated_as_nothing():
+    assert enumerated([]) == "" and enumerated(["a", "b", "c"], "or") == "a, b or c"

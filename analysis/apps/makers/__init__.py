@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 from rigs.errors import UseError
 from rigs.makers import MAKERS, PACKAGES
 from rigs.schema.vocabulary import MakerName
+from rigs.text import enumerated
 
 if TYPE_CHECKING:
     from analysis.apps.makers.emulated import ProgramDriver
@@ -194,8 +195,8 @@ def remedy_for(name: str | Path) -> str:
 
 
 def suffixes_in_words() -> str:
-    *first, last = (
+    written = [
         f"{' or '.join(files.suffixes)}{f' with its {files.data}' * bool(files.data)} ({files.label})"
         for _, files in _makers_with_files()
-    )
-    return f"{', '.join(first)} or {last}"
+    ]
+    return enumerated(written, "or")
