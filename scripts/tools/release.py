@@ -21,6 +21,8 @@ CHECKS = {
     "every check and test passes": ["scripts/test"],
     "the demo agrees with the truth": ["scripts/demo"],
     "wheel and source work in empty environments": ["scripts/dev", "wheel", "--extras", "--output", "dist"],
+    "the Debian package is built": ["scripts/deb", "dist"],
+    "the bill of materials (CycloneDX) is written": ["scripts/dev", "sbom", "--output", "dist"],
 }
 """Checks that take minutes: requirement and command."""
 

@@ -82,17 +82,22 @@ def build(folder: Path) -> Path:
     return folder / f"rig_metrology-{VERSION}-py3-none-any.whl"
 
 
-def install(package: str, scratch: Path, *, borrow: bool = False) -> Environment:
-    """Create an empty environment and install a package with its dependencies, or with the locally installed ones."""
+def new_environment(scratch: Path) -> Environment:
     environment = Environment(scratch / "environment", scratch / "empty")
     environment.work.mkdir(parents=True)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment.place], check=True)
+    return environment
+
+
+def install(package: str, scratch: Path, *, borrow: bool = False) -> Environment:
+    """Create an empty environment and install a package with its dependencies, or with the locally installed ones."""
+    environment = new_environment(scratch)
     if borrow:
         packages = environment.place / "lib" / Path(sysconfig.get_path("purelib")).parent.name / "site-packages"
         # Only a path: .pth files of the local environment, which refer to the working tree, have no effect.
         (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
-    if _pip(environment, package, *(("--no-deps",) if borrow else ())):
-        if _pip(environment, "--dry-run", "--ignore-installed", "--no-deps", "pyserial"):
+    if install_into(environment, package, *(("--no-deps",) if borrow else ())):
+        if install_into(environment, "--dry-run", "--ignore-installed", "--no-deps", "pyserial"):
             print("error: the package registry cannot be reached; run it again with network", file=sys.stderr)
             raise typer.Exit(OFFLINE)
         _fail(f"pip cannot install {package}; its message stands above")
@@ -135,7 +140,7 @@ def use_extras(environment: Environment) -> str:
     return "URDF, workbook and PDF written; the parts for cluster, remote runs, window and OPC UA are there"
 
 
-def _pip(environment: Environment, *arguments: str) -> int:
+def install_into(environment: Environment, *arguments: str) -> int:
     """Run pip and return its exit code. The pip belongs to the base Python, because this environment has none."""
     python = os.environ.get("PYTHON") or getattr(sys, "_base_executable", sys.executable)
     into = ["--python", str(environment.place / "bin" / "python"), "--disable-pip-version-check"]

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from markupsafe import Markup
 
+from analysis.apps.plant.changes import Change
 from analysis.apps.plant.history import History, Series, judge
 from analysis.apps.plant.history_sentences import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Row, Sentence, Table, paragraphs
@@ -22,26 +23,45 @@ from analysis.runs.tabular import pick_fields, table_of_rows
 from rigs.text import counted
 
 _BARS = "▁▂▃▄▅▆▇█"
+_CARDS = "stack"
+"""Class of a table whose rows are cards on a telephone (report.css)."""
 _WIDTH = 20
 """Bars of a sparkline; each is the median of an equal share of the runs."""
 
 
-def history_answer(
-    history: History, figures: Sequence[Figure] = (), left_out: int = 0, *, dated: bool = False
-) -> list[Block]:
-    """left_out: number of pictures left out. dated: add the times of runs."""
-    more = f"{left_out} further figures without a change are not shown." if left_out else ""
-    days = sorted({f"{run.when.date()}" for series in history.series for run in series.runs})
-    span = " to ".join(dict.fromkeys([*days[:1], *days[-1:]]))
+def history_answer(history: History) -> list[Block]:
+    return [
+        *_lead(history),
+        Heading(_heading(history)),
+        _table(history.series, dated=False),
+        *paragraphs([*remarks(history), _U], "note"),
+    ]
+
+
+def _lead(history: History) -> list[Block]:
     return [
         *paragraphs([origin(history)], "doubt"),
         *paragraphs(sentences(history) or [too_few(history)], "strong"),
-        *paragraphs([*doubts(history), more], "doubt"),
-        Heading(joined([history.robot, span], " · ")),
-        _table(history.series, dated=dated),
-        *figures,
-        *paragraphs([_LEGEND if figures else "", *remarks(history), _U], "note"),
+        *paragraphs(doubts(history), "doubt"),
     ]
+
+
+def _heading(history: History) -> str:
+    days = sorted({f"{run.when.date()}" for series in history.series for run in series.runs})
+    return joined([history.robot, " to ".join(dict.fromkeys([*days[:1], *days[-1:]]))], " · ")
+
+
+def _changed_table(history: History) -> list[Block]:
+    """The significant changes, one per row; nothing without one."""
+    rows = [_change_row(series, change) for series, change in history.changed]
+    columns = ["test", "figure", "before", "after", "change ± u", "when"]
+    return [Heading("What changed"), Table(columns, rows, {2, 3, 4}, key=_CARDS)] if rows else []
+
+
+def _change_row(series: Series, change: Change) -> Row:
+    by = Quantity(change.after - change.before, change.u, series.unit)
+    levels = map(by.rounded, (change.before, change.after))
+    return (series.title, series.label, *levels, str(by), dates(series, change))
 
 
 _LEGEND = (
@@ -65,12 +85,12 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
             ways = "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes)
             ends = Cell(str(first) if dated else by.rounded(first.value), begin), Cell(str(last), end)
             cells = [f"{len(series.runs)}", *ends, rounded, sparkline(series.values), ways]
-        title = "" if series.title == before else series.title
+        title = "" if series.title == before and not dated else series.title  # on a page each row may be a card
         rows.append((title, series.label, *cells, against_limit(series, dated=False)))
     ranks = ["unusual" if series.trend.changes else "" for series in all_series]
     if any(series.limit for series in all_series):
         columns.append("limit")
-    return Table(columns, [row[: len(columns)] for row in rows], {2} if is_one else {2, 3, 4, 5}, ranks)
+    return Table(columns, [row[: len(columns)] for row in rows], {2} if is_one else {2, 3, 4, 5}, ranks, key=_CARDS)
 
 
 def sparkline(values: Array) -> str:
@@ -134,32 +154,49 @@ def as_table(all_series: Sequence[Series]) -> pa.Table:
 
 
 _MOST = 60
-"""Pictures on a page, exceeded limits and changes first: about 20 kB each."""
+"""Pictures on a page, changes and exceeded limits first: about 20 kB each."""
 _IN_SIGHT = 2.0
 """Multiple of the largest run below which a limit is drawn; otherwise the runs would look flat."""
 _INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
-    """made_of: digest of the inputs. overview: address of a linked page."""
+    """Write a page that shows what changed. All figures and the other pictures follow behind headings.
 
-    def place(series: Series) -> tuple[bool, bool]:
-        judged = judge(series)
-        return judged is None or judged.standing != "fail", not series.trend.changes
-
+    made_of: digest of the inputs. overview: address of a linked page.
+    """
     # A single run, or simultaneous runs, have no time axis.
     timed = [series for series in history.series if len({run.when for run in series.runs}) > 1]
-    drawn = sorted(timed, key=place)
+    drawn = sorted(timed, key=_order)
     moved = [check.when for check in history.collected.checks if check.has_moved]
-    figures = []
-    for series in drawn[:_MOST]:
-        limit = f"; limit: {against_limit(series)}" if series.limit else ""
-        caption = f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
-        figures.append(Figure(caption, _picture(series, moved)))
-    answer = history_answer(history, figures, max(0, len(drawn) - _MOST), dated=True)
-    boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in answer) + bool(origin(history))
+    figures = [(series, Figure(_caption(series), _picture(series, moved))) for series in drawn[:_MOST]]
+    blocks = [*_lead(history), *_changed_table(history)]
+    blocks += [figure for series, figure in figures if series.trend.changes]
+    blocks += paragraphs([_LEGEND if figures else "", *remarks(history), _U], "note")
+    others = [(series.title, figure) for series, figure in figures if not series.trend.changes]
+    sections: list[tuple[str, Sequence[Block]]] = [
+        ("All figures", [Heading(_heading(history)), _table(history.series, dated=True)])
+    ]
+    for test in dict.fromkeys(title for title, _ in others):
+        own = [figure for title, figure in others if title == test]
+        sections.append((f"{test}: {counted(len(own), 'figure')} without a change", own))
+    if left_out := len(drawn) - len(figures):
+        blocks += paragraphs([f"{counted(left_out, 'further picture')} without a change: not drawn."], "note")
+    boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in blocks) + bool(origin(history))
     title = f"{history.robot}: history"
-    write_html(answer_page(title, answer, boxed=boxed, made_of=made_of, overview=overview), path)
+    page = answer_page(title, blocks, boxed=boxed, made_of=made_of, overview=overview, sections=sections)
+    write_html(page, path)
+
+
+def _order(series: Series) -> tuple[bool, bool]:
+    """Changes first, then exceeded limits."""
+    judged = judge(series)
+    return not series.trend.changes, judged is None or judged.standing != "fail"
+
+
+def _caption(series: Series) -> str:
+    limit = f"; limit: {against_limit(series)}" if series.limit else ""
+    return f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
 
 
 def _picture(series: Series, moved: Sequence[datetime]) -> Markup:

@@ -53,14 +53,22 @@ def environment() -> Environment:
 
 
 def answer_page(
-    title: str, blocks: Sequence[Block], lang: str = "en", *, boxed: int = 1, made_of: str = "", overview: str = ""
+    title: str,
+    blocks: Sequence[Block],
+    lang: str = "en",
+    *,
+    boxed: int = 1,
+    made_of: str = "",
+    overview: str = "",
+    sections: Sequence[tuple[str, Sequence[Block]]] = (),
 ) -> str:
     """An answer as a page, its first blocks in a box.
 
-    made_of: digest of the inputs. overview: address of a linked page.
+    made_of: digest of the inputs. overview: address of a linked page. sections: headings and the blocks that open
+    behind them.
     """
-    template = environment().get_template("answer.html")
-    return template.render(title=title, blocks=blocks, lang=lang, boxed=boxed, made_of=made_of, overview=overview)
+    given = {"title": title, "blocks": blocks, "lang": lang, "boxed": boxed, "made_of": made_of, "overview": overview}
+    return environment().get_template("answer.html").render(**given, sections=sections)
 
 
 def write_html(html: str, file: Path) -> None:
