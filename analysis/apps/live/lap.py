@@ -180,7 +180,7 @@ class ErrorCurve:
 
     phi: Array
     error: Array
-    is_whole: bool
+    is_full_lap: bool
     """True if the curve covers a complete lap at the specified resolution."""
     less_sine: bool
     """True if the sine is removed; otherwise only the mean."""

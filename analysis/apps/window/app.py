@@ -203,7 +203,7 @@ class _Pages:
 
     def run(self, request: Request) -> Response:
         shown = self._window.shelf.run(request.path_params["name"])
-        pictures, why = self._pictures([shown]) if _is_whole(shown) else ([], "")
+        pictures, why = self._pictures([shown]) if _is_readable(shown) else ([], "")
         waits = self._evaluates([shown]) or pictures is None
         return self._page(
             request, "run.html", run=shown, pictures=pictures or [], why=why, waits=waits, kinds=list(_WRITERS)
@@ -363,7 +363,7 @@ class _Pages:
 
         True while it is in progress, and if it ended after the runs were read: then the page is out of date.
         """
-        new = [run for run in shown if run.record is None and _is_whole(run)]
+        new = [run for run in shown if run.record is None and _is_readable(run)]
         made = list[Path | None]()
         for robot in sorted({str(run.about["rig"]) for run in new})[:_MOST_ROBOTS]:
             with suppress(RigError):  # the next attempt reports the details
@@ -410,7 +410,7 @@ async def _form(request: Request) -> dict[str, str]:
     return dict(parse_qsl((await request.body()).decode("utf-8", "replace"), keep_blank_values=True))
 
 
-def _is_whole(shown: ShelfRun) -> bool:
+def _is_readable(shown: ShelfRun) -> bool:
     return shown.about["status"] not in ("recording", "crashed", "damaged")
 
 

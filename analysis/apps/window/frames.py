@@ -67,7 +67,7 @@ def curve(error_curve: ErrorCurve) -> dict[str, Any]:
     step = max(1, math.ceil(len(error_curve.phi) / _CURVE_POINTS))
     return {
         "band": round(error_curve.band, 6) if len(error_curve.phi) else None,
-        "whole": error_curve.is_whole,
+        "whole": error_curve.is_full_lap,
         "less_sine": error_curve.less_sine,
         "pieces": [
             [

@@ -30,7 +30,7 @@ def whole(acw):
 
 def test_band_and_shape_are_those_of_the_analysis(acw, whole):
     (curve, other), found = shown_curves(whole), evaluate(load_run(acw))
-    assert curve.is_whole and not len(other.phi)
+    assert curve.is_full_lap and not len(other.phi)
     # A circle angle holds the last reading of either lap there; without noise that is the curve.
     assert curve.band == pytest.approx(found.figures["band_deg"].value, rel=0.02)
     assert np.abs(curve.error - found.curve.error_deg).max() < 0.1 * np.ptp(found.curve.error_deg)
@@ -53,9 +53,9 @@ def test_a_way_back_is_no_measurement(acw):
 
 def test_before_half_a_lap_the_mean_alone_is_taken_off(acw):
     early, _ = shown_curves(watched_lap(acw, 5.0))
-    assert len(early.phi) and not early.less_sine and not early.is_whole
+    assert len(early.phi) and not early.less_sine and not early.is_full_lap
     later, _ = shown_curves(watched_lap(acw, 14.0))
-    assert later.less_sine and not later.is_whole and later.band < early.band
+    assert later.less_sine and not later.is_full_lap and later.band < early.band
 
 
 def test_extremes_and_trend_are_of_the_readings(whole, acw):
