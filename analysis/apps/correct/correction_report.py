@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
+from rigs.schema.probe import MM_PER_UNIT
 from rigs.text import counted
 
 _REPORTED_MM = 1e-3
@@ -368,7 +370,7 @@ def controller_blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = F
     controller, parts = entries.controller, list[Block]()
     if entries.entries:
         heading = ENGLISH("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
-        parts += [Heading(heading, 3), _table(entries.entries), Sentence(ENGLISH("entries_about"), "note")]
+        parts += [Heading(heading, 3), entries_table(entries.entries, rig), Sentence(ENGLISH("entries_about"), "note")]
         parts += [Sentence(f"{k}. {step}") for k, step in enumerate(() if entered else entries.steps, start=1)]
         parts += paragraphs([ENGLISH("entries_source", source=controller.source), controller.missing], "note")
     if controller.scale and any(entry.unit == "deg" for entry in entries.entries):
@@ -389,7 +391,9 @@ def controller_blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = F
     return [*parts, Sentence(ENGLISH("entries_gain", error=entries), "strong"), elsewhere]
 
 
-def _table(entries: Sequence[ControllerChange]) -> Table:
+def entries_table(entries: Sequence[ControllerChange], rig: Rig) -> Table:
+    """The values in the unit in which the controller shows them."""
+    entries = [_in_unit_of(rig, entry) for entry in entries]
     is_length = any(entry.now is not None for entry in entries)
     columns = ("add to", *["now"] * is_length, "value", "± u", "unit", "reading", "tool moves", "± u (tool)")
     rows = []
@@ -403,6 +407,15 @@ def _table(entries: Sequence[ControllerChange]) -> Table:
         moves = ("turns only", "") if turns_only else (f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
         rows.append((entry.parameter, *now, *value, reading, *moves))
     return Table(columns, rows, set(range(1, len(columns))) - {3 + is_length})
+
+
+def _in_unit_of(rig: Rig, entry: ControllerChange) -> ControllerChange:
+    """A length in the unit of the controller's files. JSON and corrections.yaml stay in mm."""
+    unit = rig.length_unit
+    if unit is None or unit == "mm" or entry.unit != "mm":
+        return entry
+    mm, now = MM_PER_UNIT[unit], entry.now
+    return replace(entry, add=entry.add / mm, u=entry.u / mm, unit=unit, now=None if now is None else now / mm)
 
 
 def controller_object(entries: ControllerEntries) -> dict[str, Any]:

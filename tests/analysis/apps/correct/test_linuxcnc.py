@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.apps.correct.controller_entries import Constant, controller_entries, project
+from analysis.apps.correct.controller_entries import Constant, ControllerChange, controller_entries, project
+from analysis.apps.correct.correction_report import entries_table
 from analysis.apps.correct.stated_frames import Frames
 from analysis.apps.makers.linuxcnc.values import value_files
 from analysis.apps.makers.motion_plan import demand_of
@@ -95,6 +96,14 @@ def test_values_leave_in_the_unit_of_the_configuration_that_init_read(tmp_path, 
     read, now = entered((tmp_path / "arm.hal").read_text()), entered(files["rig-arm.hal"])
     assert now.pop("A-2") - read.pop("A-2") == pytest.approx(0.5 if unit == "mm" else 0.5 / 25.4, rel=1e-3)
     assert now == pytest.approx(read, abs=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "value"), [("mm", "+0.500"), ("inch", "+0.01969")])
+def test_table_of_values_has_the_unit_of_the_hal_file(tmp_path, unit, value):
+    length = ControllerChange(3, "a_mm", "genserkins.A-2", 0.5, 0.012, "mm", None, 0.0, 400.0, 10.0)
+    turn = ControllerChange(3, "q_deg", "HOME_OFFSET", 0.05, 0.002, "deg", None, 0.05, 400.0, 10.0)
+    table = entries_table([length, turn], rig_at(tmp_path, unit))
+    assert [row[1:4:2] for row in table.rows] == [(value, unit), ("+0.0500", "deg")]
 
 
 def test_calibration_with_the_same_configuration_changes_nothing(tmp_path):
