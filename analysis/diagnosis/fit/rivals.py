@@ -57,7 +57,6 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
     An effect that is not reported as a fault (of healthy size, or with changes that are not material) competes only
     with rivals that would be faults.
     """
-    state = without_needless_names(selection, state)
     swapped: set[int] = set()
     compared: list[RivalOdds] = []
     for swaps_left in reversed(range(_SWAPS + 1)):
@@ -84,20 +83,26 @@ def without_needless_names(selection: Selection, state: SelectionState) -> Selec
     """
     state = selection.settled(state)
     tried: set[str] = set()
-    while True:
-        of = {k: selection.rms_of(state, k) for k in range(len(state.effects)) if state.may_be_fault(k)}
-        names = {k: label_of(state.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
-        material = [k for k in names if of[k].is_material(selection.limits_um)]
-        place = next((k for k in material if names[k] not in tried), None)
-        if place is None:
-            return state
-        tried.add(names[place])
-        if not LeaveOut(selection, state).is_close([place]):
+    while (simpler := _without_needless_name(selection, state, tried)) is not None:
+        state = simpler
+    return state
+
+
+def _without_needless_name(selection: Selection, state: SelectionState, tried: set[str]) -> SelectionState | None:
+    """The state without the first name that it does not need, of those not yet `tried`."""
+    left_out, whole = LeaveOut(selection, state), selection.evidence(state)
+    of = {k: selection.rms_of(state, k) for k in range(len(state.effects)) if state.may_be_fault(k)}
+    for place in sorted(of, key=lambda k: of[k].um.max())[:-1]:
+        name = label_of(state.effects[place])
+        if name in tried or not of[place].is_material(selection.limits_um):
             continue
-        whole = selection.evidence(state)
+        tried.add(name)
+        if not left_out.is_close([place]):
+            continue
         without = selection.settled(selection.renewed(selection.without(state, place)), least=whole)
         if selection.evidence(without) > whole:
-            state = selection.refusing(without, state.effects[place], state.origins[place])
+            return selection.refusing(without, state.effects[place], state.origins[place])
+    return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from analysis.diagnosis.fit.responses import (
     linearise,
     plain_rms_by_block,
 )
-from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
+from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals, without_needless_names
 from analysis.diagnosis.fit.selection import Effort, Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings, large_effects
 from analysis.robot.kinematics.arm import Array, Mask, drive_angles
@@ -214,26 +214,28 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     so_far: tuple[Effect, ...] = ()
     effort, work = Effort(), Work()
     setups, begun = _starting_setups(runs, progress, work)
-    for turn in range(_ITERATIONS):
+    turn = 0
+    while True:
         progress("computing the response to each effect" + " again" * (turn > 0))
+        turn += 1
         selection = replace(_selection(runs, setups, so_far), effort=effort, work=work)
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(so_far, begun), refitted)
         refitted = large_effects(begun.effects)
-        state = selection.select(begun, stops=turn < _STOPS)
-        is_last = turn + 1 == _ITERATIONS or effort.is_spent
+        state = selection.select(begun, stops=turn <= _STOPS)
+        is_last = turn == _ITERATIONS or effort.is_spent
         if is_last or selection.is_valid_for(state):
             progress("comparing names with their rivals")
-            state, odds = compare_with_rivals(selection, state)
+            state, odds = compare_with_rivals(selection, without_needless_names(selection, state))
             if is_last or selection.is_valid_for(state):
-                break
+                progress("comparing names with unknown causes")
+                compared = selection.against_unknown(state)
+                if compared is not state:
+                    state, odds = compare_with_rivals(selection, compared)
+                return SearchResult(selection, state, odds)
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
-    progress("comparing names with unknown causes")
-    compared = selection.against_unknown(state)
-    if compared is not state:
-        state, odds = compare_with_rivals(selection, compared)
-    return SearchResult(selection, state, odds)
+        del selection, state  # most of the memory, before the columns of the next turn are computed
 
 
 def fit_given(
