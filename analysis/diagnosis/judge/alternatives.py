@@ -141,6 +141,10 @@ class _Comparison:
 
         The names are removed in a linear model; a fit follows only if it might decide about a reported fault.
         """
+        if self._reported.isdisjoint(places):
+            reduced = self._left_out[0][0].without(places)
+            nothing = reduced.evidence - self.of_name
+            return nothing, nothing + total_gain(reduced.cause_gains)
         alone, with_unknown = list[float](), list[float]()
         for alternatives in self._left_out:
             for k, left_out in enumerate(alternatives):
@@ -150,8 +154,6 @@ class _Comparison:
                     alone.append(reduced.evidence)
                 with_unknown.append(reduced.evidence + np.logaddexp(gain, 0.0 if k else -np.inf))
         nothing, unknown = max(alone) - self.of_name, float(np.logaddexp.reduce(with_unknown)) - self.of_name
-        if self._reported.isdisjoint(places):
-            return nothing, unknown
         if unknown < -UNDECIDED and not self._left_out[0][0].is_close(places):
             return nothing, unknown
         selection, bare = self.result.selection, self.result.state
