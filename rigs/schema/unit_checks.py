@@ -64,7 +64,7 @@ def refuse_baseline_in_metres(baseline_mm: float, offsets_mm: Sequence[float]) -
     if 0 < baseline_mm < _LEAST_MM:
         written = f"offset_mm {' and '.join(f'{value:g}' for value in offsets_mm)}"
         in_mm = " and ".join(f"{MM_PER_M * value:g}" for value in offsets_mm)
-        raise _looks_like_metres(written, f"puts g1 and g2 {baseline_mm:g} mm apart", in_mm)
+        raise _looks_like_metres(written, f"put g1 and g2 {baseline_mm:g} mm apart", in_mm)
 
 
 def refuse_centre_in_metres(key: str, centre_mm: Vector, reach_mm: float) -> None:
