@@ -319,7 +319,7 @@ class Budget:
         for k, likely in zip(best.values(), (odds / odds.sum())[1:].tolist(), strict=True):
             _, vector, u_um = self._combined(np.array(forms[k].columns))
             effect = combined_effect(forms[k].effects, posterior.size(forms[k]))
-            share = float(vector @ group) / max(float(group @ group), _NOTHING)
+            share = float(vector @ group) ** 2 / max(float(vector @ vector) * float(group @ group), _NOTHING)
             members.append(GroupMember(effect, float(np.linalg.norm(vector)), likely, u_um, share))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
 

@@ -25,7 +25,7 @@ LARGE_SHARE = 1 / 3
 
 
 _DOMINANT = 0.5
-"""Share of a group above which a member contributes more than all others together."""
+"""Share of a group above which a member may explain more than all others together."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class GroupMember:
     odds: float
     u_um: float = 0.0
     share: float = 1.0
-    """Share of the mean square of the group. It is negative if others cancel it, and may exceed 1."""
+    """Share of the mean square of the group that the effect explains at its best size: alike small terms divide it."""
 
     @property
     def is_dominant(self) -> bool:
-        """True if it contributes more than all others together; a certain small member does not cause the error."""
+        """True if it may explain more than all others together; a certain small member does not cause the error."""
         return self.share > _DOMINANT
 
     @property
