@@ -26,7 +26,7 @@ from analysis.diagnosis.fit.starting_effects import starting_effects
 from analysis.diagnosis.fit.state_evidence import HEALTHY_PRICE, MOST_LEVEL, StateEvidence
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
-from rigs.schema.effect import is_wave, name_of
+from rigs.schema.effect import is_wave, name_of, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Selection of the effects that explain the readings: faults and the visible effects of a healthy arm compete by
@@ -466,7 +466,7 @@ class Selection(StateEvidence):
     def with_form(self, state: SelectionState, posterior: CoefficientPosterior, k: int) -> SelectionState:
         """Add form k as an effect and fit it; the other effects move along their earlier tangents."""
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
-        if len(effects) > 1 and not is_usual(posterior.size(self.columns.forms[k])):
+        if len(effects) > 1 and max(abs(size_of(effect)) for effect in effects) >= _USUAL:
             begun = [self._with_effect(state, effect, k, begins=True) for effect in effects]
             effects = [self.likeliest(begun)[1].refined.effects[-1]]
         return self._with_effect(state, effects[0], k)

@@ -12,22 +12,24 @@ from pathlib import Path
 
 from tests.support.measured_series import DATA
 from tests.support.trial import Trial, main
-from tests.trials.golden.golden import CASES, Case, changes, file_of, keep, kept, made
+from tests.trials.golden.golden import CASES, changes, file_of, keep, kept, made
 
 SHOWN = 12
 """Changes of a case that are printed, the largest first."""
 
 
-def draw(given: Namespace) -> Iterator[tuple[Case, Namespace]]:
-    chosen = [case for case in CASES if any(fnmatch(case.name, word) for word in given.names)]
+def draw(given: Namespace) -> Iterator[tuple[str, Namespace]]:
+    names = [case.name for case in CASES]
+    chosen = [name for name in names if any(fnmatch(name, word) for word in given.names)]
     if not chosen:
-        raise SystemExit(f"error: no such case; there are {', '.join(case.name for case in CASES)}")
-    yield from ((case, given) for case in chosen)
+        raise SystemExit(f"error: no such case; there are {', '.join(names)}")
+    yield from ((name, given) for name in chosen)
 
 
-def judged(drawn: tuple[Case, Namespace]) -> tuple[str, int]:
+def judged(drawn: tuple[str, Namespace]) -> tuple[str, int]:
     """The lines of a case, and the number of changes."""
-    case, given = drawn
+    name, given = drawn
+    case = next(case for case in CASES if case.name == name)
     begin = time.process_time()
     with tempfile.TemporaryDirectory(prefix="rig-golden-") as root:
         said = made(case, Path(root).resolve() / case.name, given.data)
