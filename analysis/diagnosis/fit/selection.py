@@ -126,6 +126,11 @@ def is_usual(size: Array) -> bool:
     return float(np.linalg.norm(size)) < _USUAL
 
 
+def are_usual(effects: Sequence[Effect]) -> bool:
+    """Whether all effects are far smaller than a fault."""
+    return max(abs(size_of(effect)) for effect in effects) < _USUAL
+
+
 @dataclass(frozen=True)
 class Selection(StateEvidence):
     """Selection of effects for the residual (N,) of a linearisation."""
@@ -466,7 +471,7 @@ class Selection(StateEvidence):
     def with_form(self, state: SelectionState, posterior: CoefficientPosterior, k: int) -> SelectionState:
         """Add form k as an effect and fit it; the other effects move along their earlier tangents."""
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
-        if len(effects) > 1 and max(abs(size_of(effect)) for effect in effects) >= _USUAL:
+        if len(effects) > 1 and not are_usual(effects):
             begun = [self._with_effect(state, effect, k, begins=True) for effect in effects]
             effects = [self.likeliest(begun)[1].refined.effects[-1]]
         return self._with_effect(state, effects[0], k)
@@ -490,7 +495,7 @@ class Selection(StateEvidence):
 
         Every arm shows some of them, and each round of a search costs several fits. They are chosen by low-rank changes
         of the posterior `before` the addition, one of each name, and only those that the imperfect form of another
-        cannot imitate.
+        cannot imitate. One whose fit would begin at the size of a fault waits for a comparison of its shapes.
         """
         forms, added = self.columns.forms, dict[int, Effect]()
         posterior = self.posterior(state)
@@ -503,12 +508,12 @@ class Selection(StateEvidence):
             best = int(np.argmax(gain))
             if not gain[best] > max(_IMITATED * first, HEALTHY_PRICE):
                 break
-            if not is_usual(coefficients.size(forms[best])):
+            begins = starting_effects(self.linear, self.columns, posterior, forms[best])
+            if not (is_usual(coefficients.size(forms[best])) and are_usual(begins)):
                 break
             names.add(forms[best].name)
-            begins = starting_effects(self.linear, self.columns, posterior, forms[best])[0]
-            if not any(is_one(effect, begins) for effect in state.effects):
-                added[best] = begins
+            if not any(is_one(effect, begins[0]) for effect in state.effects):
+                added[best] = begins[0]
             coefficients = coefficients.with_fault(forms[best])
         return self._with_effects(state, added) if added else state
 

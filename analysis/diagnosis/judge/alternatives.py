@@ -23,15 +23,15 @@ from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
 from analysis.diagnosis.fit.unknown import likeliest_kind, total_gain
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
-from rigs.schema.effect import size_of
+from rigs.schema.effect import scaled, size_of
 from rigs.schema.scene import OUTSIDE_ARM
 
 Alternative = Literal["nothing", "healthy", "rival", "unknown", "several", "commanded"]
 """No effect but more noise; an effect of a healthy arm; another effect; a cause that rig does not know; such a cause
 behind this name and others; or an angle that the arm was commanded but did not reach."""
 _SAME_SIGMA = 0.5
-"""Change of the readings in noise standard deviations up to which an effect and a rival are twins. Chosen: at 1.0, both
-would be confused in a third of all repeats.
+"""Difference of the readings in noise standard deviations, apart from the sizes, up to which an effect and a rival are
+twins. Chosen: at 1.0, both would be confused in a third of all repeats.
 """
 _LOUDER = 1.5
 """Strength of a band above which its residual counts as more than noise. Chosen: cells without unknown causes have up
@@ -39,6 +39,7 @@ to 1.2.
 """
 _MOST = 6
 """Largest number of least certain names that an unknown cause replaces step by step. Chosen: each may cost a fit."""
+_TINY = 1e-300
 _Share = tuple[SelectionState, float]
 _NONE = -690.0
 """Log evidence of an alternative without any."""
@@ -65,7 +66,7 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
     """The alternatives to each named effect. only_commanded: the runs contain commanded angles, and an angle that the
     arm did not reach explains the readings as well as any error of the arm.
     """
-    compared, linear = _Comparison(result), result.linear
+    compared = _Comparison(result)
     without = [compared.without([k]) for k in range(len(result.effects))]
     of_unknown = [with_unknown for _, with_unknown in without]
     of_several, hypotheses = compared.of_several(of_unknown), []
@@ -73,8 +74,7 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
         twins, rivals = list[_Share](), list[_Share]()
         for tried, share in odds.rivals:
             if not ended_at_limit(tried.effects[-1]):  # no effect of that kind is so large
-                apart = linear.without_set_up(tried.refined.residual - result.fit.residual)
-                (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append((tried, share))
+                (twins if _are_twins(result, k, tried.effects[-1]) else rivals).append((tried, share))
         own = odds.odds + sum(share for _, share in twins)
         log_evidence: dict[Alternative, float] = {
             "nothing": without[k][0],
@@ -87,6 +87,30 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
             log_evidence["commanded"] = 0.0
         hypotheses.append(Hypotheses(log_evidence, rivals, [tried.effects[-1] for tried, _ in twins]))
     return hypotheses
+
+
+def _are_twins(result: SearchResult, k: int, rival: Effect) -> bool:
+    """Whether a rival of effect k, at its best size, changes the readings in the same way.
+
+    The background shares a size that the readings hardly determine, so fits of two constants of parallel axes end at
+    sizes that differ by much more than the noise.
+    """
+    linear, others = result.linear, [*result.effects[:k], *result.effects[k + 1 :]]
+    change = linear.without_set_up(result.contributions[k])
+
+    def of_rival(effect: Effect) -> Array:
+        return linear.without_set_up(linear.residual(others) - linear.residual([*others, effect]))
+
+    times = _times(change, of_rival(rival))
+    if times <= 0.0:
+        return False
+    resized = of_rival(scaled(rival, times))
+    return float(np.linalg.norm(change - _times(change, resized) * resized)) < _SAME_SIGMA
+
+
+def _times(change: Array, unit: Array) -> float:
+    """Multiple of a unit (N,) nearest to a change (N,)."""
+    return float(change @ unit) / max(float(unit @ unit), _TINY)
 
 
 @dataclass(frozen=True)
@@ -139,11 +163,12 @@ class _Comparison:
     def without(self, places: Sequence[int]) -> tuple[float, float]:
         """Log evidence of noise, and of noise or an unknown cause, in place of names, relative to all names.
 
-        The names are removed in a linear model; a fit follows only if it might decide about a reported fault.
+        The names are removed in a linear model; a fit follows only if it might decide about a reported fault. Others
+        are compared at the noise of the state alone.
         """
         if self._reported.isdisjoint(places):
             reduced = self._left_out[0][0].without(places)
-            nothing = reduced.evidence - self.of_name
+            nothing = reduced.evidence - self._of_usual_name
             return nothing, nothing + total_gain(reduced.cause_gains)
         alone, with_unknown = list[float](), list[float]()
         for alternatives in self._left_out:
@@ -162,6 +187,12 @@ class _Comparison:
         louder = replace(bare, strength=selection.strength(bare, selection.posterior(bare)))
         nothing = max(selection.evidence(bare), selection.evidence(louder))
         return nothing - self.of_name, self.with_unknown(bare) - self.of_name
+
+    @cached_property
+    def _of_usual_name(self) -> float:
+        """`of_name`, at the noise of the state alone."""
+        whole = self._left_out[0][0].without([])
+        return whole.evidence + float(np.logaddexp(total_gain(whole.cause_gains), 0.0))
 
     @cached_property
     def _reported(self) -> frozenset[int]:
