@@ -21,8 +21,9 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
 def host(gauges: Sequence[MahrC1202]) -> Host:
-    request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
-    return polled_text(gauges, request + _END, _END, _read)
+    if len(gauges) == 1:
+        return polled_text(gauges, b"M%d?" % gauges[0].channel + _END, _END, _read)
+    return polled_text(gauges, b"?" + _END, _END, _read_one_of_several)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
@@ -60,3 +61,9 @@ def _read(data: bytes, gauge: MahrC1202) -> Reading:
             return Trouble(f"feature {gauge.channel} answers {error.decode()}; see the gauge's manual")
         return in_mm(value, unit, gauge)
     return Trouble(f"feature {gauge.channel} is missing in the answer; correct `channel`", FaultKind.MISSING)
+
+
+def _read_one_of_several(data: bytes, gauge: MahrC1202) -> Reading:
+    """Refuse an answer that has lost a number of a feature, because another feature could be read instead."""
+    is_numbered = all(field[:2] in {b"1 ", b"2 ", b"3 "} for field in data.split(b";"))
+    return _read(data, gauge) if is_numbered else garbled(data)

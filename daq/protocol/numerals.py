@@ -11,13 +11,15 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.protocol.framing import Message
+from daq.protocol.misread import RecentNumbers
+from daq.protocol.printed_number import PrintedNumber
 from rigs.schema.part import LONGEST_MM
 from rigs.schema.probe import Probe
 
@@ -35,42 +37,6 @@ _CONFIRMED_WITHIN_NS = 1_000_000_000
 """Longest time for which a reading is held back: later, a run could have begun in between."""
 _RECENT_FIRST = 6
 """First readings that are compared with each other."""
-_FILLED = re.compile(rb"[+-]? *0\d|.? \s*\d|[+-] ")
-"""Leading blanks (next to one for the sign) or zeros, which give all numbers the same length."""
-
-
-@dataclass(frozen=True, slots=True)
-class PrintedNumber:
-    value_mm: float
-    text: bytes
-    """All characters, including the position of the sign."""
-    mm: float = 1.0
-    fields: int = 1
-    """Count of numbers in the message if their order identifies the gauges."""
-    omits_plus: bool = False
-    """True if the number could be a negative one that lost its sign. It is then the only one in the message."""
-
-    @property
-    def decimals(self) -> int:
-        return len(self.text.strip().partition(b".")[2])
-
-    @property
-    def form(self) -> tuple[int, int, int]:
-        return self.decimals, self.fields, len(self.text)
-
-    @property
-    def is_filled(self) -> bool:
-        return bool(_FILLED.match(self.text))
-
-    def with_lost_character(self) -> Iterator[float]:
-        """Lengths with the same decimals from which the loss of a character makes this number."""
-        if self.omits_plus:
-            yield -self.value_mm
-        sign = -1 if b"-" in self.text else 1
-        whole, _, decimals = self.text.replace(b" ", b"").lstrip(b"+-").decode("ascii").partition(".")
-        for place in range(len(whole) + 1):
-            for digit in "0123456789":
-                yield sign * self.mm * float(f"{whole[:place]}{digit}{whole[place:]}.{decimals}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +70,7 @@ class NumberFormat:
         self._first: list[PrintedNumber] = []
         """First readings, until their format is certain."""
         self._is_doubted = False
+        self._recent = RecentNumbers()
 
     def check(self, number: PrintedNumber, message: Message, requested_ns: int) -> tuple[bool, list[Sample | Fault]]:
         """Whether the number is a reading, with faults and a confirmed earlier reading.
@@ -125,6 +92,7 @@ class NumberFormat:
             )
             self._readings, self._first, self._is_filled = 0, [], False
             self._steps_mm.clear()
+            self._recent.clear()
         elif usual is not None and self._is_far(number, usual):
             self._far = min(self._far + 1, self._repeated)
             if self._far < _LASTING:
@@ -138,15 +106,24 @@ class NumberFormat:
             self._held = None
         self._far = 0
         self._is_filled |= number.is_filled
-        self._accept(number)
-        doubt = None if items else self._doubt_of_first(number, message)
-        return True, [*items, doubt] if doubt else items
+        doubts = [self._accept(number, message), None if items else self._doubt_of_first(number, message)]
+        return True, [*items, *filter(None, doubts)]
 
-    def _accept(self, number: PrintedNumber) -> None:
+    def _accept(self, number: PrintedNumber, message: Message) -> Fault | None:
+        """Note a reading. Returns a fault if it shows that an earlier one was misread."""
         if self._usual is not None:
             self._steps_mm.append(number.value_mm - self._usual.value_mm)
         self._readings += 1
         self._usual = number
+        misread = self._recent.add(number, message.last_byte_ns)
+        if misread is None:
+            return None
+        for step_mm in sorted(self._steps_mm, key=abs)[-2:]:  # to the misread number and back
+            self._steps_mm.remove(step_mm)
+        detail = (
+            f"{_quoted(misread.number)} may have a wrong character: its neighbours lie at {misread.expected_mm:g} mm"
+        )
+        return message.fault(FaultKind.DOUBTFUL, f"{detail}: check the cable, and use parity if possible")
 
     def _judge(
         self, held: _HeldReading, usual: PrintedNumber, number: PrintedNumber, message: Message
@@ -159,13 +136,12 @@ class NumberFormat:
         """
         mean_mm = (usual.value_mm + number.value_mm) / 2
         usual_mm = [abs(later - earlier) / 2 for earlier, later in pairwise(self._steps_mm)]
-        reach_mm = _SCATTER * max(self._last_digit_mm(number), median(usual_mm or [0]))
+        reach_mm = _SCATTER * max(number.last_digit_mm, median(usual_mm or [0]))
         is_likely = mean_mm > 0 or held.number.value_mm - mean_mm <= reach_mm
         if is_likely and message.last_byte_ns - held.message.last_byte_ns <= _CONFIRMED_WITHIN_NS:
-            self._accept(held.number)
+            self._accept(held.number, held.message)
             return held.sample()
-        text = repr(held.number.text[:40])[1:]
-        detail = f"{text} between {usual.value_mm:g} and {number.value_mm:g} mm may have lost its minus"
+        detail = f"{_quoted(held.number)} between {usual.value_mm:g} and {number.value_mm:g} mm may have lost its minus"
         return held.message.fault(FaultKind.MISSHAPEN, f"{detail}: check the cable, or zero the gauge further away")
 
     def _is_far(self, number: PrintedNumber, usual: PrintedNumber) -> bool:
@@ -176,20 +152,16 @@ class NumberFormat:
         reach_mm = self._reach_mm(number)
         if abs(number.value_mm - usual.value_mm) <= reach_mm:
             return False
-        return is_longer or any(abs(mm - usual.value_mm) <= reach_mm for mm in number.with_lost_character())
+        return is_longer or any(abs(mm - usual.value_mm) <= reach_mm for mm in number.with_lost_or_added_character())
 
     def _may_lack_minus(self, number: PrintedNumber, usual: PrintedNumber) -> bool:
         """True for the first number without a minus near zero, where both signs are possible."""
         is_first = number.omits_plus and not usual.omits_plus
-        return is_first and abs(number.value_mm) > _REACH * self._last_digit_mm(number)
+        return is_first and abs(number.value_mm) > _REACH * number.last_digit_mm
 
     def _reach_mm(self, number: PrintedNumber) -> float:
         steps_mm = sorted(map(abs, self._steps_mm))
-        return _REACH * max(self._last_digit_mm(number), *steps_mm[-2:-1], 0)
-
-    @staticmethod
-    def _last_digit_mm(number: PrintedNumber) -> float:
-        return number.mm * 10.0**-number.decimals * (1 + 1e-9)
+        return _REACH * max(number.last_digit_mm, *steps_mm[-2:-1], 0)
 
     def _doubt_of_first(self, number: PrintedNumber, message: Message) -> Fault | None:
         """Fault for first readings that differ from the following ones as if they had lost a character."""
@@ -201,11 +173,12 @@ class NumberFormat:
         for place, (first, following) in enumerate(pairwise(self._first[:-1]), 1):
             step_mm = abs(following.value_mm - first.value_mm)
             reach_mm = max(self._reach_mm(number), _REACH * abs(number.value_mm - self._first[-2].value_mm))
-            lost = (mm for mm in first.with_lost_character() if abs(mm - following.value_mm) <= reach_mm)
+            lost = (mm for mm in first.with_lost_or_added_character() if abs(mm - following.value_mm) <= reach_mm)
             if step_mm > reach_mm and next(lost, None) is not None:
                 self._is_doubted = True
-                text = repr(first.text[:40])[1:]
-                detail = f"{_may_be_damaged(place)}: {text} is far from {following.value_mm:g} mm; check the cable"
+                detail = (
+                    f"{_may_be_damaged(place)}: {_quoted(first)} is far from {following.value_mm:g} mm; check the cable"
+                )
                 return message.fault(FaultKind.DOUBTFUL, detail, place)
         return None
 
@@ -214,12 +187,11 @@ class NumberFormat:
             change = f"the gauge writes {number.decimals} decimals instead of {usual.decimals}"
             remedy = "in/mm was pressed, or the resolution was changed; switch it back; if it is meant, correct `units`"
             return message.fault(FaultKind.UNIT_CHANGED, f"{change}: {remedy} and restart rigd")
-        text = repr(number.text[:40])[1:]
         damage = "a character is missing, doubled or wrong: check the cable and the line settings"
         if number.form == usual.form:
-            detail = f"{text} is far from the previous {usual.value_mm:g} mm"
+            detail = f"{_quoted(number)} is far from the previous {usual.value_mm:g} mm"
         else:
-            detail = f"{text} differs in form from previous replies, which had {_in_words(usual)}"
+            detail = f"{_quoted(number)} differs in form from previous replies, which had {_in_words(usual)}"
         if self._readings < _LASTING and not self._is_doubted:
             self._is_doubted = True
             detail = f"{_may_be_damaged(self._readings)}, or this one: {detail}"
@@ -235,6 +207,10 @@ def keep_formats(earlier: object, later: object) -> None:
 
 def _may_be_damaged(count: int) -> str:
     return "the first reading may be damaged" if count == 1 else f"the first {count} readings may be damaged"
+
+
+def _quoted(number: PrintedNumber) -> str:
+    return repr(number.text[:40])[1:]
 
 
 def _in_words(number: PrintedNumber) -> str:

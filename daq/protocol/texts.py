@@ -22,8 +22,9 @@ from daq.protocol.conversation import (
     Sample,
 )
 from daq.protocol.framing import DelimitedLines, Framer, Message
-from daq.protocol.numerals import NumberFormat, PrintedNumber, refusal
+from daq.protocol.numerals import NumberFormat, refusal
 from daq.protocol.polled import Polled, Reply, Then
+from daq.protocol.printed_number import PrintedNumber
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, the power supply of the gauge, and the line settings"
