@@ -30,19 +30,16 @@ rig arms ur10e --calibration calibration.conf -o arm.yaml # a UR with its indivi
 ```
 
 Replace the `robot:` section of a rig file by the output of `rig arms NAME`, and add the `payload_kg` and the `tool` of
-your cell. A real arm differs from the published values by tenths of a millimetre to some millimetres, which
-`rig diagnose` and `rig calibrate` determine. Values without a source are omitted: many arms have no masses, and some
-have no repeatability. The comments of a section describe the base and flange frames and warn about similar models.
+your cell. Values without a source are omitted: many arms have no masses, and some have no repeatability. The comments
+of a section describe the base and flange frames and warn about similar models.
 
 Joint angles are those of the controller, and `coupling` converts them to the angles of the axes. KUKA's A1 is positive
 clockwise, seen from above, so its entry is -1, as for A4 and A6. FANUC's J3 is measured from the horizontal, so axis 3
 turns by J2 + J3.
 
-**A UR with its calibration.** Universal Robots measures each arm and stores the result on the controller in
-`~/.urcontrol/calibration.conf`, as differences from the classic Denavit-Hartenberg constants of the model.
-`--calibration` adds them to the section. The file describes the nearly parallel axes 2, 3 and 4 by lengths of hundreds
-of metres that almost cancel, the section by Hayati's `beta_deg`. rig compares both on random postures, to 1e-9 mm and
-rad, before it writes anything. Centres of mass and limits are the published ones.
+**A UR with its calibration.** `--calibration` adds the [constants in the controller](controller.md). The file of the
+controller describes the nearly parallel axes 2, 3 and 4 by lengths of hundreds of metres that almost cancel, the
+section by Hayati's `beta_deg`.
 
 ## An arm from a URDF
 
@@ -53,16 +50,15 @@ rig import-urdf arm.urdf --build light -o arm.yaml
 
 Expand xacro first: `xacro FILE > arm.urdf`. Meshes are not needed. The base is the link `base` or the root, the flange
 `tool0` or the only end; `--base` and `--tip` select others. The chain between them must have four to seven revolute or
-continuous joints, which become modified Denavit-Hartenberg constants; rig compares them with the forward kinematics of
-pytransform3d on random postures, to 1e-9 mm and rad.
+continuous joints, which become modified Denavit-Hartenberg constants.
 
 - A prismatic joint below all of them becomes `robot.rail`. Other prismatic joints are refused, as in a SCARA.
-- A continuous joint gets limits of a turn in both directions, and a message says so.
+- A continuous joint gets limits of a turn in both directions.
 - If the end is behind a joint called gripper, jaw, finger or claw, `--tip` is required: a jaw is no axis of the arm.
 - Joint angles are those of the URDF. If the controller counts differently, correct `coupling`, `offset_deg` and
   `limits_deg`. In many URDFs of a FANUC, the third joint is J2 + J3.
-- rig names axes that are nearly, but not exactly, parallel or perpendicular, and does not change them. The cause is
-  often rounding: 1.571 instead of a right angle moves a point at 1 m by 0.2 mm.
+- Axes that are nearly parallel or perpendicular are named and not changed. The cause is often rounding: 1.571 instead
+  of a right angle moves a point at 1 m by 0.2 mm.
 
 ## An arm as a URDF
 
@@ -75,23 +71,22 @@ rig export-urdf cell.yaml --for franka -o kinematics.yaml  # for franka_descript
 ```
 
 The file contains the arm of a rig file, including joint zeros and link constants among its effects. Joints turn by the
-angles of the controller, within the limits of the rig file. The links are `world`, `base_link` (the `base` of the rig
-file), `link_1` to `link_6`, `flange` and `tool`. The poses of `tool` agree with the model within 1e-9 mm.
+angles of the controller. The links are `world`, `base_link` (the `base` of the rig file), `link_1` to `link_6`,
+`flange` and `tool`.
 
 - A URDF contains only geometry, no compliance, waves, backlash or thermal growth. The command and the head of the file
-  state by how many micrometres the effects move the tool over the tests of the rig, and how much of this is omitted.
-  Corrected targets of `rig correct`, and [`calibrated_arm`](api.md#calibrated_arm) in Python, contain more.
+  state how much is omitted. Corrected targets of `rig correct`, and [`calibrated_arm`](api.md#calibrated_arm) in
+  Python, contain more.
 - A rig whose `coupling` has more than signs is refused, as for J2 + J3 of a FANUC, because a joint of a URDF turns one
   axis. Set `coupling` to the signs in a copy of the rig file, and convert the angles of the controller.
-- A rail is the prismatic joint `rail` below `base_link`, in metres, in URDF, xacro and MJCF. Files for the driver of a
-  maker have no rail, and the command says so. The speed is unknown and written as 1 m/s.
+- A rail is the prismatic joint `rail` below `base_link`, in metres, in URDF, xacro and MJCF. The speed is unknown and
+  written as 1 m/s. Files for the driver of a maker have no rail.
 - Masses and centres are written if the rig file has them. Moments of inertia and torques are unknown and written as 0:
   a dynamics simulator needs the values of the maker. There are no meshes.
 - **MJCF** has additional hinges for measured effects on the axis of a joint: *backlash* turns freely by half its width
   in both directions (`NAME_play`), *compliance* is a spring (`NAME_compliance`). Actuate the hinge with the name of the
   joint. Its `frictionloss` is the motor current at the reversals of a run (`--friction-of`) times the torque per ampere
-  of the data sheet (`--nm-per-a`). Backlash below twice its u is omitted. Moments of inertia are those of an aluminium
-  ball with the mass of the link.
+  of the data sheet (`--nm-per-a`). Moments of inertia are those of an aluminium ball with the mass of the link.
 - **kinematics.yaml** has the origin of each joint in the link frames of the maker's meshes. Doosan and Kinova have no
   such file; use the macro.
 
