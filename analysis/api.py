@@ -259,6 +259,7 @@ def calibrate(
     runs: AnyRun | Sequence[AnyRun],
     effects: str | None = None,
     *,
+    fix: str | None = None,
     rig: RigFile | Rig | None = None,
     hold_out: AnyRun | Sequence[AnyRun] = (),
     unseen: AnyRun | Sequence[AnyRun] = (),
@@ -270,6 +271,7 @@ def calibrate(
     runs: at least one run, or paths of run directories, of the same robot.
     effects: effects to fit, separated by commas, such as `backlash:1,joint_offset`: NAME:AXIS, or NAME for all axes. If
     None, the runs determine the effects, as in `diagnose`.
+    fix: those of `effects` that are not fitted, in the same notation.
     rig: the initial model; the rig file of the first run if None.
     hold_out: runs used for validation only. By default a fifth of 60 or more poses is held out, in groups of
     neighbouring postures.
@@ -289,11 +291,16 @@ def calibrate(
 
     Source: docs/calibration.md.
     """
-    from analysis.diagnosis.evidence.given import given_effects  # noqa: PLC0415
+    from analysis.diagnosis.evidence.given import given_effects, without_fixed  # noqa: PLC0415
 
-    used = _runs(runs)
-    effects_given = None if effects is None else given_effects(effects, len(_model(rig, used).robot.axes))
-    return _diagnosed(used, rig, hold_out, unseen, progress, None, effects_given)
+    if effects is None and fix is not None:
+        raise UseError("--fix", "needs --fit, the effects from which it excludes some", "add --fit NAME")
+    used, fixed = _runs(runs), list[Effect]()
+    axes = len(_model(rig, used).robot.axes)
+    given = None if effects is None else given_effects(effects, axes)
+    if given is not None and fix is not None:
+        given, fixed = without_fixed(given, fix, axes)
+    return replace(_diagnosed(used, rig, hold_out, unseen, progress, None, given), fixed=tuple(fixed))
 
 
 def diagnose(

@@ -14,6 +14,7 @@ async function unpacked(id) {
 // The contents of a picture (analysis.apps.report.chart) as traces and layout of plotly. The colours come later.
 function plotted(picture, looks) {
   if (picture.frame === "sphere") return sphere(picture);
+  if (picture.frame === "arm") return arm(picture, looks);
   if (picture.frame === "polar") return polar(picture, looks);
   const full = { yref: "paper", y0: 0, y1: 1 };
   const mark = { type: "line", ...full, line: { dash: "dot", width: 1 } };
@@ -85,8 +86,29 @@ function sphere(picture) {
     { type: "scatter3d", mode: "markers", name: targets, marker: { size: 3, color: "#000000" }, text: picture.names,
       hovertemplate: "%{text}<extra></extra>", ...picture.targets },
   ];
+  return space(data, { eye: { x: 1.5, y: -1.5, z: 1 }, center: { x: 0, y: 0, z: -0.15 } });
+}
+
+// The links of the arm in one posture, and the magnified error vectors of the poses.
+function arm(picture, looks) {
+  const grey = "#a6a6a6", scatter = { type: "scatter3d" };
+  const data = [
+    { ...scatter, mode: "lines", name: picture.arm, hoverinfo: "skip", line: { color: grey, width: 12 }, ...picture.links },
+    { ...scatter, mode: "markers", showlegend: false, hoverinfo: "skip", marker: { size: 3 }, ...picture.joints },
+    ...picture.vectors.map(({ x, y, z, ...vectors }) => ({
+      ...scatter, ...named(vectors, looks), mode: "lines", hoverinfo: "skip", line: { width: 5 },
+      x: numbers(x), y: numbers(y), z: numbers(z),
+    })),
+    { ...scatter, mode: "markers", showlegend: false, role: "quiet", marker: { size: 1.5 }, text: picture.names,
+      hovertemplate: "%{text}<extra></extra>", ...picture.places },
+  ];
+  const turn = picture.azimuth_deg * Math.PI / 180, far = narrow.matches ? 2.7 : 1.8;
+  const eye = { x: far * Math.cos(turn), y: far * Math.sin(turn), z: 0.45 * far };
+  return space(data, { eye, center: { x: 0, y: 0, z: -0.22 } });
+}
+
+function space(data, camera) {
   const axes = ["x", "y", "z"].map((name) => [`${name}axis`, { title: { text: `${name} / mm` } }]);
-  const camera = { eye: { x: 1.5, y: -1.5, z: 1 }, center: { x: 0, y: 0, z: -0.15 } };
   return { data, layout: { scene: { ...Object.fromEntries(axes), aspectmode: "data", camera } }, height: 520 };
 }
 
@@ -125,7 +147,8 @@ function painted(picture, looks, ink, step) {
     shade ? { ...shape, fillcolor: "#f2c14e" } : { ...shape, line: { ...shape.line, color: ink.quiet } });
   const layout = {
     ...given, shapes, height: picture.height, autosize: true,
-    margin: { l: 60, r: given.annotations?.length ? 44 : 20, t: given.annotations?.length ? 54 : 24, b: 50 },
+    margin: given.scene ? { l: 0, r: 0, t: 0, b: 40 }
+      : { l: 60, r: given.annotations?.length ? 44 : 20, t: given.annotations?.length ? 54 : 24, b: 50 },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: ink.text, family: "system-ui, sans-serif" },
     legend: { orientation: "h", y: given.polar || given.scene ? -0.08 : -0.22 },

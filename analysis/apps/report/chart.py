@@ -14,7 +14,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -23,11 +23,15 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
 
 from analysis.apps.report.texts import Texts
-from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.arm import Array, Mask
 from analysis.runs.tabular import pick_fields
 from rigs.text import escape_lines, escape_values
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
 """Meaning of a line; determines colour, dash and symbol together, so that no meaning depends on colour only."""
@@ -35,6 +39,8 @@ Frame = Literal["straight", "polar", "targets", "plane"]
 """Horizontal axis: circle angle, straight or polar, target number, or a plane with equal scales."""
 _HOLE = 2.6
 """Radius of the zero circle in a polar chart, in units of the largest deviation, as in roundness diagrams."""
+_ACROSS_DEG, _ABOVE_DEG = 60.0, 22.0
+"""View of an arm. Chosen: links and places hide each other least."""
 _SAME_DEG = 8.0
 """Distance of marks on the circle below which they share a label."""
 
@@ -163,7 +169,56 @@ class SphereChart:
         return place
 
 
-Picture = Chart | SphereChart
+@dataclass(frozen=True)
+class ErrorVectors:
+    """Errors (n, 3) mm of the places of an arm chart; NaN for a place without one."""
+
+    name: str
+    role: Role
+    errors_mm: Array
+
+    @property
+    def there(self) -> Mask:
+        """True (n,) for the places with an error."""
+        return np.asarray(np.isfinite(self.errors_mm).all(axis=1))
+
+    @property
+    def sizes_mm(self) -> Array:
+        return np.asarray(np.linalg.norm(self.errors_mm, axis=1))
+
+
+@dataclass(frozen=True)
+class ArmChart:
+    """Error vectors of poses and the links of the arm in one posture, in the frame of the base.
+
+    links (k, 3) mm: corners of the arm from the base to the tool. joints (axes, 3) mm. places (n, 3) mm: commanded
+    positions of the tool, with their names.
+    """
+
+    title: str
+    caption: str
+    arm: str
+    """Name of the drawn arm."""
+    links: Array
+    joints: Array
+    places: Array
+    names: tuple[str, ...]
+    vectors: tuple[ErrorVectors, ...]
+    magnified: float
+    frame: Literal["arm"] = "arm"
+
+    @property
+    def azimuth_deg(self) -> float:
+        """Direction of the view: across the direction from the base to the places, from above."""
+        x, y, _ = self.places.mean(axis=0) - self.links[0]
+        return math.degrees(math.atan2(y, x)) - _ACROSS_DEG
+
+    def ends(self, vectors: ErrorVectors) -> Array:
+        """Positions (n, 3) mm of the tips of magnified vectors."""
+        return np.asarray(self.places + self.magnified * vectors.errors_mm)
+
+
+Picture = Chart | SphereChart | ArmChart
 
 
 def marks_of(turns: Iterable[tuple[float, int]], texts: Texts) -> Marks:
@@ -196,6 +251,13 @@ def live(picture: Picture) -> dict[str, Any]:
             "deviation": picture.grid_deviation_mm.round(6).tolist(),
             "limit": float(np.abs(picture.deviation_mm).max()),
         }
+    elif isinstance(picture, ArmChart):
+        contents = pick_fields(picture, "frame", "arm", "names", "azimuth_deg") | {
+            "links": _places(picture.links),
+            "joints": _places(picture.joints),
+            "places": _places(picture.places),
+            "vectors": [_segments(picture, vectors) for vectors in picture.vectors],
+        }
     else:
         names = ["frame", "x_label", "y_label", "unit", "marks", "shaded", "ticks", "steps"]
         names += ["hole", "largest", "largest_shown"] if picture.frame == "polar" else []
@@ -208,6 +270,13 @@ def live(picture: Picture) -> dict[str, Any]:
 
 def _places(points: Array) -> dict[str, Any]:
     return {axis: values.round(4).tolist() for axis, values in zip("xyz", np.moveaxis(points, -1, 0), strict=True)}
+
+
+def _segments(picture: ArmChart, vectors: ErrorVectors) -> dict[str, Any]:
+    """Coordinates of start and end of each vector, followed by a gap."""
+    ends = picture.ends(vectors)
+    corners = np.stack([picture.places, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 3)
+    return {"name": vectors.name, "role": vectors.role} | dict(zip("xyz", map(_base64, corners.T), strict=True))
 
 
 def _packed(value: object) -> object:
@@ -248,20 +317,20 @@ class Sheet(Figure):
             super().draw(renderer)
 
 
-_GREY, _RULE, _SHADE = "#6b6b6b", "#dddddd", "#f2c14e"
+_GREY, _RULE, _SHADE, _ARM = "#6b6b6b", "#dddddd", "#f2c14e", "#c4c4c4"
 _DASHES = {"solid": "-", "dash": (0, (5, 2)), "dot": (0, (1.2, 1.4)), "dashdot": (0, (5, 1.5, 1.2, 1.5))}
 _SYMBOLS = {"circle": "o", "square": "s", "diamond": "D"}
 _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>|<!--.*?-->", re.DOTALL)
 _DECIMALS = re.compile(r"-?\d+\.\d{2,}")
 _FONTS = re.compile(r"font-family: [^;]*sans-serif")
-_HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4.2, "polar": 3.6}
+_HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 2.0, "plane": 4.2, "polar": 3.6}
 """Chosen: three straight charts and a pair of polar charts fit on a page of A4."""
 _MOST_NODES = 360
 """Nodes of a line on paper: 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
-_WIDEST = 45
-"""Characters of the names in a legend line."""
-_PANEL_LETTERS = 62
+_LETTERS_PER_INCH, _SYMBOL_LETTERS = 16, 5
+"""Size of the names in a legend, and of the symbol before each, in a font of 8 points."""
+_PANEL_LETTERS, _Y_LETTERS = 62, 22
 _CAPTION_LETTERS = 150
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
@@ -318,6 +387,8 @@ def sheet_of(
 def _size_inch(picture: Picture) -> tuple[float, float]:
     if isinstance(picture, SphereChart):
         return 5.4, 3.6
+    if isinstance(picture, ArmChart):
+        return 5.6, 4.4
     if picture.panels:
         return 6.9, 0.5 + 1.45 * -(-len(picture.panels) // 2)
     return 3.4 if picture.frame == "polar" else 6.9, _HEIGHTS_INCH[picture.frame]
@@ -326,6 +397,8 @@ def _size_inch(picture: Picture) -> tuple[float, float]:
 def _draw_picture(sheet: FigureBase, picture: Picture) -> None:
     if isinstance(picture, SphereChart):
         _sphere(sheet, picture)
+    elif isinstance(picture, ArmChart):
+        _arm(sheet, picture)
     elif picture.frame == "polar":
         _polar(sheet, picture)
     elif picture.panels:
@@ -353,8 +426,9 @@ def _panels(sheet: FigureBase, chart: Chart) -> None:
 
 def _legend(sheet: FigureBase, axes: Axes) -> None:
     handles, names = axes.get_legend_handles_labels()
-    columns = 3 if sum(map(len, names)) > _WIDEST else len(names)
-    sheet.legend(handles, names, loc="outside lower center", ncols=columns, frameon=False)
+    width_inch = sheet.bbox.width / sheet.dpi
+    columns = int(_LETTERS_PER_INCH * width_inch / (_SYMBOL_LETTERS + max(map(len, names), default=1)))
+    sheet.legend(handles, names, loc="outside lower center", ncols=min(max(columns, 1), len(names)), frameon=False)
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
@@ -380,7 +454,7 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
     if chart.span:
         axes.set_ylim(*chart.span)
     if not shared:
-        axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
+        axes.set(xlabel=chart.x_label, ylabel=textwrap.fill(chart.y_label, _Y_LETTERS))
     axes.grid(color=_RULE, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
 
@@ -412,11 +486,17 @@ def _polar(sheet: FigureBase, chart: Chart) -> None:
     _legend(sheet, axes)
 
 
-def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
+def _space(sheet: FigureBase) -> Axes3D:
     from mpl_toolkits.mplot3d import Axes3D  # noqa: PLC0415 - slow to import, needed here only
 
     axes = sheet.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)  # noqa: S101 - for the type checker
+    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm")
+    return axes
+
+
+def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
+    axes = _space(sheet)
     sphere, surface, targets = chart.words
     axes.plot_wireframe(*np.moveaxis(chart.grid * chart.radius_mm, -1, 0), color=_GREY, lw=0.4, label=sphere)
     measured = np.moveaxis(chart.chart_points(chart.grid, chart.grid_deviation_mm), -1, 0)
@@ -425,5 +505,28 @@ def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     axes.plot(*at, ls="", marker="o", ms=2.5, color="black", label=targets)
     axes.set_box_aspect((2.0, 2.0, 1.0), zoom=0.85)  # proportions of a hemisphere
     axes.view_init(elev=28, azim=-45)
-    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm")
+    _legend(sheet, axes)
+
+
+def _arm(sheet: FigureBase, chart: ArmChart) -> None:
+    axes = _space(sheet)
+    axes.plot(*chart.links.T, color=_ARM, lw=4, solid_capstyle="round", solid_joinstyle="round", label=chart.arm)
+    axes.plot(*chart.joints.T, ls="", marker="o", ms=4, color="white", mec=_GREY, mew=1.0)
+    axes.plot(*chart.places.T, ls="", marker="o", ms=2.0, color="black")
+    drawn = [chart.links, chart.places]
+    for vectors in chart.vectors:
+        there = vectors.there
+        arrows = (chart.magnified * vectors.errors_mm[there]).T
+        look = ROLE_STYLES[vectors.role]
+        axes.quiver(
+            *chart.places[there].T, *arrows, color=look.light, lw=1.2, arrow_length_ratio=0.25,
+            label=vectors.name,
+        )  # fmt: skip
+        drawn.append(chart.ends(vectors)[there])
+    low, high = (edge(np.concatenate(drawn), axis=0) for edge in (np.min, np.max))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.05)
+    axes.view_init(elev=_ABOVE_DEG, azim=chart.azimuth_deg)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(5))
     _legend(sheet, axes)

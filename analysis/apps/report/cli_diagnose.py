@@ -272,6 +272,10 @@ def calibrate(
             "default: those that the runs show."
         ),
     ] = None,
+    fix: Annotated[
+        str | None,
+        typer.Option(help="Effects of --fit that are not fitted, in the same notation; default: none."),
+    ] = None,
     rig_file: ModelRig = None,
     hold_out: Annotated[
         list[Path] | None,
@@ -304,7 +308,9 @@ def calibrate(
     )
     end_with(worst_code(errors))
     with progress_of() as progress:
-        diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
+        diagnosis = analysis.calibrate(
+            measured, fit, fix=fix, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress
+        )
     say_diagnosis(diagnosis, output, "calibrated.yaml", as_json=as_json)
     if output:
         say_written(write_model(diagnosis, text, output))

@@ -49,12 +49,16 @@ from analysis.diagnosis.judge.residuals import ModelResidual, ResidualPlace, Sta
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.shared.quantity import Quantity
 from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
+from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
 
 _MOST_PLACES = 6
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
+_STRONG = 0.7
+"""Correlation from which a pair is listed: each size then has half of its variance from the other one."""
+_MOST_PAIRS = 10
 _SAME_DEG = 15.0
 """Distance below which places on the circle count as the same reversal, seen in two runs."""
 _TENTHS = 1000
@@ -110,6 +114,7 @@ def sections_of(
         "passport": ("passport", _passport(words)),
         "budget": ("budget", _budget(words)),
         "faults": ("fitted" if diagnosis.given else "faults", _faults(words)),
+        "correlations": ("correlations", _correlations(words)),
         "acts": ("then_sound" if is_sound else "then", steps),
         "steps": ("steps", [stairs_table(stairs, texts)] if stairs else []),
         "gaps": ("diagnosis", _gaps(words)),
@@ -205,7 +210,30 @@ def _faults(words: AnswerWords) -> list[Block]:
     rows = [_fault(words, named) for named in faults]
     likeliest = texts("likeliest_first") if diagnosis.condition == "ambiguous" else ""
     table = Table([*map(texts, keys)], rows, {1, 2, 3, 4}, ["unusual"] * len(rows), "stack")
-    return [table, *paragraphs([likeliest, *notes], "note")]
+    return [table, *paragraphs([likeliest, *notes, *_lists(words)], "note")]
+
+
+def _lists(words: AnswerWords) -> list[str]:
+    """The effects that were given to be fitted, and those excluded from the fit."""
+    diagnosis, texts = words.diagnosis, words.texts
+    if not diagnosis.given:
+        return []
+    fitted = names_in_words(name_of(named.effect) for named in diagnosis.effects)
+    fixed = names_in_words(map(name_of, diagnosis.fixed))
+    return [texts("were_fitted", names=fitted), texts("were_fixed", names=fixed) if fixed else texts("none_fixed")]
+
+
+def _correlations(words: AnswerWords) -> list[Block]:
+    """The strongly correlated pairs of fitted sizes, or the strongest pair."""
+    pairs, texts = words.diagnosis.correlations, words.texts
+    if not pairs:
+        return []
+    strong = [pair for pair in pairs if abs(pair.value) >= _STRONG]
+    shown = strong[:_MOST_PAIRS] or pairs[:1]
+    rows = [(words.noun(pair.first), words.noun(pair.second), f"{pair.value:+.2f}") for pair in shown]
+    more = texts("more_correlated", count=len(strong) - len(shown)) if len(strong) > len(shown) else ""
+    table = Table([*map(texts, ("check_column_cause", "correlated_with", "correlation"))], rows, {2}, key="stack")
+    return [Sentence(texts("about_correlations")), table, *paragraphs([more], "note")]
 
 
 def _fault(words: AnswerWords, named: Named) -> Row:

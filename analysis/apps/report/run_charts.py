@@ -19,16 +19,15 @@ from analysis.apps.report.chart import (
     SphereChart,
     marks_of,
 )
+from analysis.apps.report.pose_charts import NO_POSES, PoseModel, pose_charts
 from analysis.apps.report.texts import Texts
+from analysis.apps.report.titled_charts import plane_chart, titled_chart
 from analysis.procedures.circle import CircleResult
-from analysis.procedures.pose import PoseResult
 from analysis.procedures.results import Result
 from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
-from analysis.procedures.shared.scatter_figures import poses_of_cube
-from analysis.robot.geometry.iso_cube import FROM_CENTRE, cube_of
-from analysis.robot.kinematics.arm import Array, Mask, arm_of
-from rigs.schema.vocabulary import DRIVEN_AXES
+from analysis.robot.geometry.iso_cube import FROM_CENTRE
+from analysis.robot.kinematics.arm import Array, Mask
 from rigs.text import counted
 
 _FRAMES: tuple[Frame, ...] = ("straight", "polar")
@@ -40,17 +39,7 @@ _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth
 _GRID = (13, 37)
 """Polar angle and azimuth: every 7.5° and 10° of a hemisphere."""
 _NEAR = 4
-_SHARE = 0.12
 _STATIONS = 80
-
-
-def _chart(
-    key: str, frame: Frame, labels: tuple[str, str], unit: str, lines: Sequence[ChartLine], texts: Texts,
-    **values: object,
-) -> Chart:  # fmt: skip
-    """A chart with the title and caption of a key. labels: text keys of both axes."""
-    title, caption = texts(f"chart_{key}", **values), texts(f"caption_{key}", **values)
-    return Chart(title, caption, frame, texts(labels[0]), texts(labels[1]), unit, tuple(lines))
 
 
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
@@ -66,7 +55,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(ChartLine(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
             labels = "circle_angle", f"error_{part}"
-            chart = _chart(f"{part}_{frame}", frame, labels, unit, lines, texts, test=texts.test(group[0].test))
+            chart = titled_chart(f"{part}_{frame}", frame, labels, unit, lines, texts, test=texts.test(group[0].test))
             charts.append(replace(chart, marks=marks))
     return charts
 
@@ -107,21 +96,22 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     if turns:
         phi, turn_deg = np.array(turns).T
         lines.append(ChartLine(texts("turns_back"), "model", phi, turn_deg, points=True))
-    chart = _chart("joints", "straight", ("circle_angle", "joint_angle"), "°", lines, texts)
+    chart = titled_chart("joints", "straight", ("circle_angle", "joint_angle"), "°", lines, texts)
     return replace(chart, marks=marks_of([(reversal.phi_deg, reversal.joint) for reversal in reversals], texts))
 
 
 # Tests at targets.
 
 
-def target_charts(result: Result, texts: Texts) -> list[Picture]:
+def target_charts(result: Result, texts: Texts, poses: PoseModel = NO_POSES) -> list[Picture]:
+    """poses: errors that remain with a better model of the arm."""
     match result.curve:
         case RadialCurve() as curve:
             return _hemisphere(result, curve, texts)
         case RepeatabilityCurve() as curve:
             return [_repeatability(curve, texts)]
         case PoseCurve() as curve:
-            return _poses(result, curve, texts)
+            return pose_charts(result, curve, texts, poses)
         case PathCurve() as curve:
             return _paths(curve, texts)
     return []
@@ -162,7 +152,7 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
         for name, role, at in ways
         if at.any()
     ]
-    return [sphere, _chart("targets", "targets", ("target", "error_radius"), "µm", lines, texts)]
+    return [sphere, titled_chart("targets", "targets", ("target", "error_radius"), "µm", lines, texts)]
 
 
 def _repeatability(curve: RepeatabilityCurve, texts: Texts) -> Chart:
@@ -175,39 +165,7 @@ def _repeatability(curve: RepeatabilityCurve, texts: Texts) -> Chart:
         on_side = curve.approach == side
         lines.append(ChartLine(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
     ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
-    return replace(_chart("repeatability", "targets", ("target", "reading"), "µm", lines, texts), ticks=ticks)
-
-
-def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
-    """The cube stops, every pose, and each axis that was driven by itself."""
-    view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
-    line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
-    charts = [] if view is None else [_plane("chart_cube", *view, texts, points=True)]
-    charts.append(_chart("pose", "targets", ("pose", "error_position"), "mm", [line], texts))
-    labels = "angle_of_axis", "error_of_angle"
-    for axis in curve.axes:
-        ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", axis.up_deg), ("down", "cw", axis.down_deg))
-        lines = [
-            ChartLine(texts(f"turned_{way}"), role, axis.angle_deg[reached], 1e3 * off[reached], points=True)
-            for way, role, off in ways
-            if (reached := np.isfinite(off)).any()
-        ]
-        charts.append(_chart("axis", "targets", labels, "m°", lines, texts, axis=axis.axis))
-    return [*charts]
-
-
-def _plane(
-    title: str, command: Array, places: Array, off: Array, side_mm: float, texts: Texts, *, points: bool
-) -> Chart:
-    """Positions (n, 2) mm on the plane of the cube, with magnified deviations `off`; gaps between paths are nan."""
-    largest = max(float(np.nanmax(np.linalg.norm(off, axis=1))), 1e-9)
-    times = float(f"{_SHARE * side_mm / largest:.1g}")
-    positions: tuple[tuple[str, Role, Array], ...] = (
-        ("attained", "cw", places + times * off), ("commanded", "quiet", command),
-    )  # fmt: skip
-    lines = tuple(ChartLine(texts(name), role, xy[:, 0], xy[:, 1], points=points) for name, role, xy in positions)
-    labels = f"{texts('level')} / mm", f"{texts('rising')} / mm"
-    return Chart(texts(title), texts("caption_plane", times=f"{times:g}"), "plane", *labels, "mm", lines)
+    return replace(titled_chart("repeatability", "targets", ("target", "reading"), "µm", lines, texts), ticks=ticks)
 
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
@@ -221,27 +179,9 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
         off += [curve.off_mm[rows, :2], gap]
     places, away = np.concatenate(command), np.concatenate(off)
     side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
-    plane = _plane("chart_paths", places, places, away, side, texts, points=False)
+    plane = plane_chart("chart_paths", places, places, away, side, texts, points=False)
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
     shares, errors = 100 * curve.share, 1e3 * curve.at_mm
     on_path = [(name, role, curve.path == name) for name, role in zip(names, roles, strict=False)]
     lines = [ChartLine(texts(f"path_{name}"), role, shares[rows], errors[rows]) for name, role, rows in on_path]
-    return [plane, _chart("along", "targets", ("along_path", "error_path"), "µm", lines, texts)]
-
-
-# ISO 9283: commands on the inclined plane of the cube, with magnified deviations.
-
-
-def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
-    """Commanded places (k, 2) mm of the cube, those of the stops (n, 2) with deviations (n, 2), and the side in mm."""
-    table, rig = result.measured.table, result.measured.rig
-    if not isinstance(result.found, PoseResult) or rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
-        return None
-    cube = cube_of(rig)
-    pose = poses_of_cube(table.q[result.found.rows], cube)
-    if not pose.any():
-        return None
-    off = result.found.placed_mm[pose > 0] @ arm_of(rig.robot).T_world_base[:3, :3].T
-    on_plane = np.stack([cube.level, cube.rising], axis=1)
-    places = (cube.places_mm - cube.centre_mm) @ on_plane
-    return places, places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm
+    return [plane, titled_chart("along", "targets", ("along_path", "error_path"), "µm", lines, texts)]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from analysis.robot.predict import Model, SetUp
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms
 from analysis.runs.tables import Table
-from analysis.runs.tabular import Tabular, for_json, table_of_rows
+from analysis.runs.tabular import Tabular, for_json, pick_fields, table_of_rows
 from rigs.rig import Rig
 
 
@@ -96,12 +97,22 @@ class Comparison(Tabular):
 
 @dataclass(frozen=True)
 class PoseComparison:
-    """Comparison of a pose run: the residual in µm, rms and maximum."""
+    """Comparison of a pose run: the residual in µm, rms and maximum.
+
+    A run whose instrument moved has a comparison for each part. rows (poses,): rows of its table, from 0. error_mm
+    (poses, 3): measured minus simulated position, in the frame of the base.
+    """
 
     run: str
     poses: int
     rms_um: float
     largest_um: float
+    path: Path
+    rows: Integers
+    error_mm: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        return pick_fields(self, "run", "poses", "rms_um", "largest_um")
 
 
 @dataclass(frozen=True)
@@ -132,7 +143,7 @@ class Compared(Tabular):
         plain: dict[str, Any] = for_json(
             {
                 "runs": [comparison.to_dict() for comparison in self.runs],
-                "poses": [asdict(pose) for pose in self.poses],
+                "poses": [pose.to_dict() for pose in self.poses],
                 "setup": setups,
                 "doubts": self.doubts,
                 **(self.disagreement.to_dict() if self.disagreement else {}),
@@ -183,7 +194,9 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
         if facts_of(run.table.test).of_places:
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
-            poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
+            to_base = (placed[part.setup].T_instrument_world @ part.model.arm.T_world_base)[:3, :3]
+            size = len(away_um), rms_um, float(away_um.max())
+            poses.append(PoseComparison(run.run.manifest.name, *size, run.path, part.rows, residual @ to_base))
         else:
             comparisons.append(_comparison(run, part.model, placed[part.setup], part.rows, residual))
     setups = {f"{part.setup}{where}": placed[part.setup] for part in split_up if not part.facts.of_places}

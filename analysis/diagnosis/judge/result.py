@@ -13,6 +13,7 @@ from analysis.diagnosis.fit.background import Work
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.judge.acts import Act, JudgedOn, NamingTest
 from analysis.diagnosis.judge.budget_part import BudgetPart
+from analysis.diagnosis.judge.correlations import Correlation, correlations_of
 from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.residuals import (
     Curve,
@@ -241,6 +242,8 @@ class Diagnosis(Tabular):
     """Residuals at the targets; `curves` are those over the circle angle."""
     given: bool = False
     """True if the effects were given by the user, as in `calibrate`."""
+    fixed: tuple[Effect, ...] = ()
+    """Effects that the user excluded from the fit; they keep the value of the rig file."""
     shows_noise: bool = False
     """True if the noise is estimated from repeats or residuals; otherwise it is assumed."""
     next_test: NamingTest | None = None
@@ -317,6 +320,13 @@ class Diagnosis(Tabular):
         return tuple(name for name in self.effects if name.contradicted)
 
     @property
+    def correlations(self) -> tuple[Correlation, ...]:
+        """Correlations of the effects given to be fitted, the strongest first; empty for a search."""
+        if self.calibrated is None or not self.given:
+            return ()
+        return correlations_of(self.calibrated, [name.effect for name in self.effects])
+
+    @property
     def extended_rig(self) -> Rig:
         """The initial rig with the written effects and the calibrated model, for `calibrated_arm`."""
         effects = (*self.rig.effects, *(name.effect for name in self.written))
@@ -350,7 +360,7 @@ class Diagnosis(Tabular):
 
         Angles are in degrees, residuals in µm, each parameter in the unit of its name. None means unknown.
         """
-        outside = {"held_out": self.held_out, "unseen_place": self.unseen}
+        outside, correlations = {"held_out": self.held_out, "unseen_place": self.unseen}, self.correlations
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
         accuracy = self.accuracy.to_dict()
         if not self.is_modelled:
@@ -369,6 +379,8 @@ class Diagnosis(Tabular):
                 "rig": self.rig.name,
                 "runs": self.runs,
                 "effects": [name.to_dict() for name in self.effects],
+                **({"fixed": [name_of(effect) for effect in self.fixed]} if self.fixed else {}),
+                **({"correlations": [pair.to_dict() for pair in correlations]} if correlations else {}),
                 **self.residual.to_dict(),
                 "where": [place.to_dict() for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},

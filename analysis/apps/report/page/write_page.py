@@ -37,15 +37,17 @@ from analysis.apps.report.page.accuracy import (
     path_blocks,
     verdict_blocks,
 )
+from analysis.apps.report.pose_charts import NO_POSES, PoseModel
 from analysis.apps.report.run_answer import columns_of, doubt_lines, doubts_of, figure_table, remarks_of
 from analysis.apps.report.run_charts import circle_charts, joint_chart, target_charts
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, capital, joined, texts_of
 from analysis.correction.model_files import calibration_file
 from analysis.diagnosis.judge.acts import CORRECTED, Act, ActiveCorrection, open_acts
-from analysis.diagnosis.judge.comparison import Compared, compare
+from analysis.diagnosis.judge.comparison import Compared, PoseComparison, compare
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.circle import CircleResult
+from analysis.procedures.pose import PoseResult
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.joint_reversals import angle_difference, turns
 from analysis.runs.tables import format_of
@@ -77,7 +79,11 @@ _ON_SHEET = (
 
 
 def test_sections(
-    groups: Sequence[Sequence[Result]], simulated: Compared | None, corrected: Compared | None, texts: Texts
+    groups: Sequence[Sequence[Result]],
+    simulated: Compared | None,
+    corrected: Compared | None,
+    texts: Texts,
+    poses: PoseModel = NO_POSES,
 ) -> list[TestSection]:
     """corrected: runs compared with the model including the found parts."""
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
@@ -87,7 +93,7 @@ def test_sections(
         if isinstance(group[0].found, CircleResult):
             charts += circle_charts(group, texts)
         else:
-            charts += [chart for result in group[:_MOST_DRAWN] for chart in target_charts(result, texts)]
+            charts += [chart for result in group[:_MOST_DRAWN] for chart in target_charts(result, texts, poses)]
             about += f" {texts('first_drawn', count=_MOST_DRAWN)}" if len(group) > _MOST_DRAWN else ""
         charts += simulated_charts(simulated, corrected, group, texts)
         charts += [joint_chart(group, texts)] if group is first_circle else []  # yaw and roll share one circle
@@ -100,7 +106,8 @@ def test_sections(
 
 
 def sheet_of_first(groups: Sequence[Sequence[Result]], sections: Sequence[TestSection], texts: Texts) -> TestSection:
-    """Both directions of the first circle in polar form with their figures, or the first picture of another test.
+    """Both directions of the first circle in polar form with their figures, or the first picture of another test, with
+    the arm of poses.
 
     The pictures move from their section to the first page.
     """
@@ -108,6 +115,7 @@ def sheet_of_first(groups: Sequence[Sequence[Result]], sections: Sequence[TestSe
         return [], [], []
     _, pictures, _ = sections[0]
     chosen: list[Picture] = [picture for picture in pictures if picture.frame == "polar"] or pictures[:1]
+    chosen += [picture for picture in pictures[1:] if picture.frame == "arm"][:1]
     for picture in chosen:
         pictures.remove(picture)
     columns = [
@@ -161,6 +169,8 @@ class Report:
     left_out: tuple[str, ...]
     after: BeforeAfter | None = None
     """Measured effect of a correction."""
+    poses: PoseModel = NO_POSES
+    """Errors of poses that remain with the best model."""
 
     @property
     def title(self) -> str:
@@ -196,13 +206,17 @@ def gather(
         except RigError as error:
             undiagnosed = str(error)
     progress("simulating the runs")
-    simulated, corrected = _compared(results, model), None
+    simulated, corrected, best = _compared(results, model), None, model
     if diagnosis is not None and diagnosis.calibrated is not None:
-        with_findings = diagnosis.extended_rig.with_calibration(
+        best = diagnosis.extended_rig.with_calibration(
             calibration_file("found.calibration.json", diagnosis.calibrated.content), diagnosis.calibrated
         )
-        corrected = _compared(results, with_findings)
-    return Report(model, tuple(results), simulated, corrected, diagnosis, undiagnosed, tuple(map(str, left_out)), after)
+        corrected = _compared(results, best)
+    held_out = diagnosis.held_out.rows if diagnosis and diagnosis.held_out else {}
+    return Report(
+        model, tuple(results), simulated, corrected, diagnosis, undiagnosed, tuple(map(str, left_out)), after,
+        PoseModel(_pose_errors(results, best), held_out),
+    )  # fmt: skip
 
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
@@ -212,6 +226,15 @@ def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
         return compare(runs, rig) if runs else None
     except RigError:
         return None
+
+
+def _pose_errors(results: Sequence[Result], rig: Rig) -> tuple[PoseComparison, ...]:
+    """Errors of poses with a model that has effects; none if they cannot be simulated."""
+    runs = [result.measured for result in results if isinstance(result.found, PoseResult)]
+    try:
+        return compare(runs, rig).poses if runs and (rig.effects or rig.calibrated) else ()
+    except RigError:
+        return ()
 
 
 @dataclass(frozen=True)
@@ -289,7 +312,7 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     found, after = report.found, report.after
     stairs = stairs_of(found, texts) if found else None
     groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
-    sections = test_sections(groups, report.simulated, report.corrected, texts)
+    sections = test_sections(groups, report.simulated, report.corrected, texts, report.poses)
     sheet = sheet_of_first(groups, sections, texts)
     gaps = residual_charts(found, stairs, texts) if found else []
     verdict = judge(report.results, report.rig.limits, found)

@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.given import given_effects, parse_effects
+from analysis.diagnosis.evidence.given import given_effects, parse_effects, without_fixed
 from analysis.diagnosis.evidence.observation import outside_effect_coverage
 from rigs.effects import Effect, EffectProvenance, JointOffset
 from rigs.errors import UseError
@@ -43,6 +43,18 @@ def test_words_that_stand_for_none_say_how_to_write_it(word):
 
 def test_a_wave_is_asked_for_with_one_phase_and_its_fit_finds_the_other():
     assert len(given_effects("transmission_error:4:2")) == 1 < len(parse_effects("transmission_error:4:2"))
+
+
+def test_fixed_effects_are_not_fitted():
+    kept, fixed = without_fixed(given_effects("joint_offset,link_geometry:3"), "joint_offset:1,link_geometry:3.d")
+    assert [effect.axis for effect in kept] == [2, 3, 4, 5, 6, 3, 3]
+    assert [effect.effect for effect in fixed] == ["joint_offset", "link_geometry"]
+
+
+@pytest.mark.parametrize("words", ["backlash:1", "joint_offset", "joint_offset:9"])
+def test_list_that_excludes_nothing_or_all_is_refused(words):
+    with pytest.raises(UseError, match="--fix"):
+        without_fixed(given_effects("joint_offset"), words)
 
 
 def _effect(axis: int, *ranges: tuple[float, float]) -> Effect:
