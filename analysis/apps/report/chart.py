@@ -426,7 +426,7 @@ def _panels(sheet: FigureBase, chart: Chart) -> None:
 
 def _legend(sheet: FigureBase, axes: Axes) -> None:
     handles, names = axes.get_legend_handles_labels()
-    width_inch = sheet.bbox.width / sheet.dpi
+    width_inch = axes.figure.bbox.width / axes.figure.dpi
     columns = int(_LETTERS_PER_INCH * width_inch / (_SYMBOL_LETTERS + max(map(len, names), default=1)))
     sheet.legend(handles, names, loc="outside lower center", ncols=min(max(columns, 1), len(names)), frameon=False)
 

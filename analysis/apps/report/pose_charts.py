@@ -70,12 +70,13 @@ def pose_charts(result: Result, curve: PoseCurve, texts: Texts, poses: PoseModel
     """The cube stops, the error of every pose, the arm with the errors, and each axis that was driven by itself."""
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     sets = [ErrorVectors(_with_rms(texts("poses_before"), curve.error_mm), "measured", curve.error_mm)]
-    sets += poses.error_sets(result, result.found.rows, texts)
+    found = result.found if isinstance(result.found, PoseResult) else None
+    sets += poses.error_sets(result, found.rows, texts) if found else []
     lines = [ChartLine(one.name, one.role, number[one.there], one.sizes_mm[one.there], points=True) for one in sets]
     pictures: list[Picture] = [] if view is None else [plane_chart("chart_cube", *view, texts, points=True)]
     pictures.append(titled_chart("pose", "targets", ("pose", "error_position"), "mm", lines, texts))
-    if isinstance(result.found, PoseResult):
-        pictures.append(_arm_chart(result, result.found, sets, texts))
+    if found:
+        pictures.append(_arm_chart(result, found, sets, texts))
     return [*pictures, *(_axis_chart(axis, texts) for axis in curve.axes)]
 
 
