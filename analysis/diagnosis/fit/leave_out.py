@@ -125,13 +125,10 @@ class LeaveOut:
         changed = np.flatnonzero(variance != background.variance)
         change = variance[changed] - background.variance[changed]
         # Kept terms, and columns with another prior, are columns beside those of the background.
-        added = np.concatenate([self._scores_of_values[:, rows], self._information[:, changed]], axis=1)
-        inner = np.block(
-            [
-                [self._products_of_values[np.ix_(rows, rows)], self._scores_of_values[changed][:, rows].T],
-                [self._scores_of_values[changed][:, rows], self._information[np.ix_(changed, changed)]],
-            ]
-        )
+        information, scores = background.information, self._scores_of_values[:, rows]
+        among, across = self._products_of_values[np.ix_(rows, rows)], scores[changed]
+        added = np.concatenate([scores, information[:, changed]], axis=1)
+        inner = np.block([[among, across.T], [across, information[np.ix_(changed, changed)]]])
         fixed = np.where(free, terms.mean, terms.held)
         r = background.marginal((bare.refined.residual - terms.T @ fixed - background.columns.X @ mean)[:, None])
         score = background.scores(r)[:, 0]
@@ -141,7 +138,7 @@ class LeaveOut:
         prior[np.arange(len(rows), len(inner)), np.arange(len(rows), len(inner))] = change
         taken = added @ np.linalg.solve(np.eye(len(inner)) + prior @ inner, prior)
         resized = replace(background, variance=variance, mean=mean)
-        return CoefficientsWithout(resized, mean + variance * (score - taken @ right), self._information, added, taken)
+        return CoefficientsWithout(resized, mean + variance * (score - taken @ right), information, added, taken)
 
     def is_close(self, places: Sequence[int]) -> bool:
         """Whether a fit without the effects at these places, with noise or an unknown cause instead, might explain
@@ -166,10 +163,6 @@ class LeaveOut:
     @cached_property
     def _products_of_values(self) -> Array:
         return self._values.products(self._values)
-
-    @cached_property
-    def _information(self) -> Array:
-        return self._background.information
 
     @cached_property
     def _scores_of_values(self) -> Array:
