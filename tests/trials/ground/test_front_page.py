@@ -43,10 +43,10 @@ def _with_numbers_out(text: str) -> tuple[str, list[float]]:
 @pytest.mark.cpu_limit(300)
 @pytest.mark.timeout(600)
 def test_diagnosis_finds_the_effects_of_the_page(tmp_path):
-    lines = _commands("Find what is missing")
+    lines = _commands("A first diagnosis")
     said = {line.partition("#")[0].strip(): _ran(line, tmp_path) for line in lines}
     (first, second) = (text for line, text in said.items() if line.startswith("rig diagnose"))
-    quoted = re.findall(r"(?<!\*)\*([A-Z0-9][^*]+)\*(?!\*)", _section("Find what is missing"))
+    quoted = re.findall(r"(?<!\*)\*([A-Z0-9][^*]+)\*(?!\*)", _section("A first diagnosis"))
     assert len(quoted) == 4
     for sentence in quoted:
         words, figures = _with_numbers_out(" ".join(sentence.split()))
