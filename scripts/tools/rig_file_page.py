@@ -47,10 +47,12 @@ _LONGEST_DEFAULT = 40
 _SOURCE = "Healthy value"
 """Beginning of the origin of a prior size in the docstring of an effect, for readers of the code."""
 _TABLE_HEAD = """\
-A number that is not required is 0 unless a default is stated.
+A number that is not required is 0 unless a default is stated.{}
 
 | kind | meaning | keys |
 | --- | --- | --- |"""
+_FREQUENT = 4
+"""Number of equal keys in a table from which they are described once."""
 _SIMILAR = 3
 """Number of equal keys from which a section refers to an earlier one instead of listing them."""
 
@@ -108,8 +110,8 @@ def _sections(root: Model) -> Iterator[str]:
         common = found.common[title] = _common([keys[name] for name in members])
         found.unions |= dict.fromkeys(members, title)
         found.in_tables |= (brief := {name for name in members if _is_brief(_own(keys[name], common), common)})
-        rows = [_row(name, classes[name], _own(keys[name], common), places) for name in members if name in brief]
-        found.tables[title] = "\n".join([_TABLE_HEAD, *rows]) if rows else ""
+        own = {name: _own(keys[name], common) for name in members if name in brief}
+        found.tables[title] = _table({name: (classes[name], own[name]) for name in own}, places) if own else ""
     for name in places:
         title = found.unions.get(name, "")
         if title and title not in found.written:
@@ -199,13 +201,29 @@ def _described(model: Model) -> str:
     return " ".join((inspect.getdoc(model) or "").split())
 
 
-def _row(name: str, model: Model, keys: dict[str, Key], places: dict[str, str]) -> str:
-    """A table row for a mapping of a union whose keys need no description."""
+def _table(members: dict[str, tuple[Model, dict[str, Key]]], places: dict[str, str]) -> str:
+    """A table with a row for each mapping of a union whose keys need no description.
+
+    Keys of the same type in many mappings are described once, before the table.
+    """
+    counts = Counter((key, _kind_in_table(one)) for _, keys in members.values() for key, one in keys.items())
+    frequent = {key: kind for (key, kind), count in counts.items() if count >= _FREQUENT}
+    stated = "; ".join(f"`{key}` is {kind}" for key, kind in frequent.items())
+    rows = [_row(places[name], model, keys, frequent) for name, (model, keys) in members.items()]
+    return "\n".join([_TABLE_HEAD.format(f" Unless stated, {stated}." if stated else ""), *rows])
+
+
+def _row(place: str, model: Model, keys: dict[str, Key], frequent: dict[str, str]) -> str:
     alike: dict[str, list[str]] = {}
     for key, one in keys.items():
-        alike.setdefault(one.kind.removesuffix(", default `0`"), []).append(key)
-    cell = "; ".join(f"{_names(same)}: {kind}" for kind, same in alike.items())
-    return f"| `{places[name].partition(': ')[2]}` | {_described(model)} | {cell} |"
+        kind = _kind_in_table(one)
+        alike.setdefault("" if frequent.get(key) == kind else f": {kind}", []).append(key)
+    cell = "; ".join(f"{_names(same)}{kind}" for kind, same in alike.items())
+    return f"| `{place.partition(': ')[2]}` | {_described(model)} | {cell} |"
+
+
+def _kind_in_table(one: Key) -> str:
+    return one.kind.removesuffix(", default `0`")
 
 
 def _most_similar(keys: dict[str, Key], written: dict[str, dict[str, Key]]) -> str:
