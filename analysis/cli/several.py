@@ -147,8 +147,32 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
         if path.suffix.lower() in _TABLES:
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
             raise FileError(str(path), "no such file or directory", remedy, code="file.missing")
+    for path in paths:
+        if path.is_file() and not is_table(path):
+            _refuse_file(path)
     distinct(path for path in paths if is_table(path))
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
+
+
+def _refuse_file(path: Path) -> None:
+    """Raise the error of a file that is neither a table nor a run, with its kind if known."""
+    from analysis.intake.converted import is_convertible
+    from analysis.intake.read import refuse_other_formats
+    from analysis.intake.table_files import read_head
+    from daq.store.manifest import MANIFEST
+    from rigs.text import as_argument
+
+    head, suffix = read_head(path), path.suffix.lower()
+    if path.name == MANIFEST or (path.parent / MANIFEST).exists():
+        remedy = f"give the directory: {as_argument(path.parent)}"
+        raise FileError(str(path), "is a file of a run", remedy, code="run.missing")
+    if suffix in (".yaml", ".yml"):
+        remedy = f"give runs or tables, and a rig file as --rig {as_argument(path)}"
+        raise UseError(str(path), "is a YAML file, such as a rig file, not a run", remedy, code="usage")
+    if not is_convertible(head):
+        refuse_other_formats(str(path), head)
+    remedy = f"give a run directory, or a table ({', '.join(_TABLES)}) with --rig; others with rig import"
+    raise FileError(str(path), f"is a file of the unknown type {suffix or '(none)'}", remedy, code="run.missing")
 
 
 @overload

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.intake.column_groups import count_places, groups_of
-from analysis.intake.converted import csv_of
+from analysis.intake.converted import csv_of, is_convertible
 from analysis.intake.map_proposal import MapProposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by, with_joints
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
@@ -313,6 +313,8 @@ def test_of(source: Path, rig: Rig) -> TestName:
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if reader_of(head):
         raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="table.unclear")
+    if is_workbook(head) and not is_convertible(head):
+        return MAPPED
     names = header_names(head)
     layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]

@@ -287,7 +287,13 @@ class Robot(Part):
             return None
         count = len(info.data.get("axes", rows))
         if {len(rows), *map(len, rows)} != {count}:
-            key = info.field_name
+            key, size = info.field_name, len(rows)
+            if {*map(len, rows)} == {size}:
+                raise ValueError(
+                    f"axes lists {count} axes, but {key} has {size} rows of {size} numbers; "
+                    f"{'add the missing axis to axes' if count < size else f'add the missing rows to {key}'}, "
+                    "or remove the row and the column that do not belong to the arm"
+                )
             raise ValueError(f"{key} must have {count} rows of {count} numbers, one for each axis; correct the rows")
         remaining = [list(row) for row in rows]
         for column in range(count):  # elimination with the largest pivot first

@@ -1,7 +1,8 @@
-"""Create pictures of the report for the documents: annotated first screen, dark mode, print, steps and sphere.
+"""Create pictures of the pages for the documents: the report (annotated first screen, dark mode, print, steps, sphere
+and arm), and the pages of a fleet and of a history.
 
-`scripts/dev page_pictures` simulates the runs described in `docs/reading-the-report.md`, creates their report, and
-takes screenshots with a headless Chromium, stored in docs/images.
+`scripts/dev page_pictures` simulates the runs described in `docs/reading-the-report.md`, and a plant of a year, creates
+their pages, and takes screenshots with a headless Chromium, stored in docs/images.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from PIL import Image
 
 from tests.support.browser import Browser, browser
 from tests.support.command_line import ran
+from tests.support.plant_runs import robot_of, write_visits
 
 _HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.008}]\neccentricity_mm: [0.3, -0.2, 0.1]\n"
 _RUNS = (("yaw", 2, 0), ("repeatability", 1, 20), ("radial", 1, 30))
@@ -43,6 +45,8 @@ _BADGE = (
     'background:#1f5aa6;color:#fff;font:bold 14px/1.45em sans-serif;text-align:center">{}</b>'
 )
 _WIDE = 1100
+_ROBOTS, _GROWN, _YEAR_DAYS, _VISITS = 4, "robot-003", 365.0, 20
+"""Robots of the plant, the one whose history is shown, and number of visits in the year."""
 _STEPS, _SPHERE = "document.querySelector('#steps')", "document.querySelector('figure.sphere')"
 _HEADINGS = "[...document.querySelectorAll('h2')]"
 _YAW = f"{_HEADINGS}.find(one => one.innerText.startsWith('Yaw'))"
@@ -54,7 +58,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/images"), help="where the pictures go")
     parser.add_argument("--page", type=Path, help="a page that is there already (made anew)")
+    parser.add_argument("--plant", action="store_true", help="only the pages of a fleet and of a history")
     given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch, browser(Path(scratch) / "plant-profile") as chromium:
+        _plant(chromium, Path(scratch), given.output)
+    if given.plant:
+        return
     with tempfile.TemporaryDirectory() as scratch:
         page = given.page or made_page(Path(scratch))
         numbered = Path(scratch) / "numbered.html"
@@ -91,6 +100,21 @@ def made_page(
     made = sorted(f"runs/{path.name}" for path in (directory / "runs").iterdir())
     _rig(directory, *command, "-o", "page.html", *made)
     return directory / "page.html"
+
+
+def _plant(chromium: Browser, directory: Path, output: Path) -> None:
+    """Pictures of the fleet and history pages of a plant in which the backlash of one robot grew."""
+    days = [_YEAR_DAYS * visit / _VISITS for visit in range(_VISITS)]
+    for number in range(1, _ROBOTS + 1):
+        robot = robot_of(number, 0, _YEAR_DAYS)
+        list(write_visits(directory / "plant" / robot.name, robot, days))
+    _rig(directory, "fleet", "plant", "-o", "plant.html")
+    history = next((directory / "plant-robots").glob(f"*{_GROWN}*.html"))
+    pages = {"fleet": directory / "plant.html", "history": history}
+    for name, page in pages.items():
+        with _opened(chromium, page, 1000):
+            height = min(chromium.value("document.body.scrollHeight"), 1050)
+            _shot(chromium, output / f"{name}-page.png", 0, 0, 1000, height)
 
 
 def with_numbers(page: str) -> str:

@@ -207,7 +207,7 @@ def _picture(series: Series, moved: Sequence[datetime]) -> Markup:
 
     when, values, wild = np.array([run.when for run in series.runs]), series.values, series.trend.wild
     u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
-    figure = Sheet(8, 2.2)
+    figure = Sheet(5.0, 1.9)
     axes = figure.subplots()
     with mpl.rc_context({"date.converter": "concise"}):  # years, days or times, depending on the range
         axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)

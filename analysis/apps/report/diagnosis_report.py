@@ -17,6 +17,9 @@ from rigs.text import as_argument
 
 def require_empty(directory: Path) -> None:
     """Raise FileError unless a directory is empty, or can be created."""
+    if directory.is_file():
+        problem, remedy = "is a file, but the files of a diagnosis need a directory", "give --output DIR, or FILE.html"
+        raise FileError(str(directory), problem, remedy, code="output.exists")
     above = next(path for path in (directory, *directory.absolute().parents) if os.path.lexists(path))
     if not above.is_dir() or not os.access(above, os.R_OK | os.W_OK | os.X_OK):
         problem = f"cannot be written: {above} is not a writable directory"

@@ -84,6 +84,8 @@ class Summary:
     tone: BadgeTone = "unjudged"
     action: str = ""
     """The next step in a few words, at the end of the first sentence."""
+    sheet_causes: tuple[BarSegment, ...] = ()
+    """The causes of a page, which has room for more."""
 
 
 def with_next(summary: Summary, step: str, command: str, action: str) -> Summary:
@@ -122,8 +124,8 @@ def with_driven_error(summary: Summary, before: Deviation, after: Deviation, tex
     return replace(summary, error=error, tone=tone)
 
 
-_MOST_CAUSES = 3
-"""As many names as fit on a phone."""
+_MOST_CAUSES, _MOST_ON_SHEET = 3, 5
+"""As many names as fit on a phone, and on the first page of a report."""
 _MOST_RIVALS = 3
 _LEAST_SHARE = 0.01
 """Chosen: the narrowest visible segment."""
@@ -149,7 +151,8 @@ def summarise(diagnosis: Diagnosis, texts: Texts = ENGLISH) -> Summary:
         headline=joined([extended(first, action, "{}; {}."), *others]),
         unknowns=tuple(words.unknowns(act, first)),
         error=words.error,
-        causes=tuple(words.causes),
+        causes=tuple(words.segments(_MOST_CAUSES)),
+        sheet_causes=tuple(words.segments(_MOST_ON_SHEET)),
         next=words.step(act) if act else "",
         command=words.commands(act) if act else "",
         action=action,
@@ -433,9 +436,9 @@ class _SummaryWords(ActWords):
         repaired = micrometres(repairs[-1].residual_um if after_all_um is None else after_all_um)
         return self.texts("each_by_itself", corrected=micrometres(corrections[0].residual_um), repaired=repaired)
 
-    @property
-    def causes(self) -> list[BarSegment]:
-        parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
+    def segments(self, most: int) -> list[BarSegment]:
+        """The largest causes, and all others together."""
+        parts = [part for part in self.diagnosis.budget[:most] if part.share >= _LEAST_SHARE]
         shares = [(self._cause_name(part), part.share, part.rank or "") for part in parts]
         rest = 1.0 - sum(min(part.share, 1.0) for part in parts)
         if parts and rest >= _TENTH_PERCENT:

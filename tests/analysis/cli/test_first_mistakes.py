@@ -150,3 +150,61 @@ def test_export_takes_its_format_from_the_ending_or_names_the_conflict(tmp_path,
 def test_single_arm_is_not_compared(folder):
     done = ran("compare", folder / "cell.yaml")
     assert done.returncode == 2 and "is a single arm" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("cell.yaml", b"name: cell\n", "--rig"),
+        ("poses.csv.gz", b"\x1f\x8b\x08", "gunzip -k"),
+        ("poses.zip", b"PK\x03\x04 poses.csv", "unpack"),
+        ("scan.pdf", b"%PDF-1.7", "PDF"),
+        ("run.sh", b"rig diagnose\n", "unknown type .sh"),
+        ("manifest.json", b"{}", "give the directory"),
+    ],
+)
+def test_file_in_the_place_of_a_run_is_named_by_its_kind(tmp_path, name, content, words):
+    """Each was "a file, not the directory of a run"."""
+    (tmp_path / name).write_bytes(content)
+    done = ran("analyse", name, cwd=tmp_path)
+    assert done.returncode in (2, 3) and words in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_workbook_with_one_sheet_is_a_table_and_with_two_names_them(folder, tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    columns = np.genfromtxt(folder / "t.csv", delimiter=",", dtype=None, encoding="utf-8", names=True)
+    robot = load(folder / "cell.yaml")[0].robot
+    q = np.radians(np.column_stack([columns[name] for name in JOINTS]))
+    xyz = [1500, -800, 300] + forward(arm_of(robot), q)[:, :3, :] @ [40, 25, 130, 1]  # in the frame of a tracker
+    xyz += np.random.default_rng(5).normal(0, 0.1, xyz.shape)
+    book = openpyxl.Workbook()
+    for row in [[*JOINTS, *PLACES], *np.column_stack([np.degrees(q), xyz]).tolist()]:
+        book.active.append(row)
+    book.save(tmp_path / "one.xlsx")
+    assert ran("analyse", tmp_path / "one.xlsx", "--rig", folder / "cell.yaml").returncode == 0
+    book.create_sheet("notes").append(["measured by night"])
+    book.save(tmp_path / "two.xlsx")
+    refusal = ran("analyse", tmp_path / "two.xlsx", "--rig", folder / "cell.yaml")
+    assert refusal.returncode == 3 and "'notes'" in refusal.stderr
+
+
+def test_missing_axis_of_an_arm_is_named_before_its_coupling(tmp_path):
+    text = load("paper-fanuc")[1].splitlines(keepends=True)
+    last = max(k for k, line in enumerate(text) if "limits_deg" in line)
+    (tmp_path / "cell.yaml").write_text("".join(text[:last] + text[last + 1 :]))
+    done = ran("check", tmp_path / "cell.yaml")
+    assert done.returncode == 3 and "5 axes, but coupling has 6 rows" in done.stderr
+
+
+def test_report_with_the_rig_file_of_another_robot_names_both_robots(tmp_path):
+    runs = tmp_path / "runs"
+    ran("simulate", "ur10e-cell", "--test", "repeatability", "-o", runs)
+    done = ran("report", runs, "--rig", "paper-fanuc", "-o", tmp_path / "page.html", "--no-diagnosis")
+    assert done.returncode == 3 and "--rig describes FANUC-like elbow arm" in done.stderr
+
+
+def test_output_that_is_a_file_is_no_directory_for_a_diagnosis(folder, tmp_path):
+    output = tmp_path / "found.yaml"
+    output.touch()
+    done = ran("diagnose", folder / "t.csv", "--rig", folder / "cell.yaml", "-o", output)
+    assert done.returncode == 3 and "is a file" in done.stderr and "--output DIR" in done.stderr

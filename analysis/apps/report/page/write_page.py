@@ -195,8 +195,11 @@ def gather(
     model = rig if rig is not None else runs[0].rig
     # Two robots of one type differ in rig names; the model may come from a separate rig file
     for run in runs:
+        if run.rig.robot.name != model.robot.name and rig is not None:
+            problem = f"is of {run.rig.robot.name}, but --rig describes {model.robot.name} (rig {model.name})"
+            raise FileError(str(run.path), problem, "give the rig file of this robot, or no --rig", code="robot.other")
         if (run.rig.robot.name, run.rig.name) != (model.robot.name, runs[0].rig.name):
-            about = f"the report is about rig {runs[0].rig.name} of {model.robot.name}"
+            about = f"the report is about rig {runs[0].rig.name} of {runs[0].rig.robot.name}"
             problem = f"is of rig {run.rig.name} of {run.rig.robot.name}, but {about}"
             raise FileError(str(run.path), problem, "make a report for each robot", code="robot.other")
     undiagnosed = ""
@@ -379,7 +382,7 @@ def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Senten
     if report.found is None:
         return Sentence("", "unjudged", texts("badge_not_examined")), [[]]
     summary = (report.after and report.after.summary) or summarise(report.found, texts)
-    head, error, *tiles = summary_parts(summary, texts)
+    head, error, *tiles = summary_parts(replace(summary, causes=summary.sheet_causes), texts)
     within = "" if verdict.overall == "unjudged" else texts(f"within_{verdict.overall}")
     within = texts("verdict_tolerance") if verdict.by_tolerance else within
     accuracy = f"{texts('accuracy')}: {texts(f'standing_{verdict.overall}')}"

@@ -190,7 +190,7 @@ def test_condition_and_accuracy_have_a_badge_each(report, condition):
 
 def test_a_report_is_about_one_robot(runs):
     other = load("paper-fanuc")[0]
-    with refused("robot.other", "e of FANUC-like elbow arm, uncoupled"):
+    with refused("robot.other", "--rig describes FANUC-like elbow arm, uncoupled"):
         gather(evaluate_runs([load_run(runs[0])]), other, progress=lambda doing: None)
 
 
