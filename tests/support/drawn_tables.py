@@ -87,7 +87,7 @@ def constants(arm: str) -> Constants:
     return constants_from(yaml.safe_load(load_arm(arm).text)["robot"])
 
 
-def _postures(arm: str, count: int, rng: np.random.Generator) -> Array:
+def postures(arm: str, count: int, rng: np.random.Generator) -> Array:
     """Return random joint angles (count, 6) rad in the middle part of their limits."""
     axes = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]["axes"]
     low, high = np.radians([np.clip(axis["limits_deg"], -150, 150) for axis in axes]).T
@@ -97,7 +97,7 @@ def _postures(arm: str, count: int, rng: np.random.Generator) -> Array:
 
 def seen_by_tracker(arm: str, count: int, rng: np.random.Generator) -> Poses:
     """Return random poses of a healthy arm, measured by a tracker at an unknown place."""
-    return _seen(arm, rng, _postures(arm, count, rng))
+    return _seen(arm, rng, postures(arm, count, rng))
 
 
 def _seen(arm: str, rng: np.random.Generator, q: Array) -> Poses:

@@ -124,6 +124,8 @@ class CorrectedProgram:
     """Joint angles (6,) rad at the start as stated by the user, if the posture of a target may depend on them."""
     neutral: tuple[str, ...] = ()
     """Routines that change nothing, as stated by the user."""
+    missing: tuple[str, ...] = ()
+    """Called routines without text and unknown instructions, which the user can state as neutral."""
     points: tuple[tuple[str, int, str], ...] = ()
     """File, line and name of every point of the program."""
 
@@ -204,6 +206,7 @@ def correct_program(
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
         neutral=texts.neutral,
+        missing=parsed.missing,
         points=(*(_called(texts, targets[k]) for k in own), *(_called(texts, one) for one in parsed.left)),
     )
 

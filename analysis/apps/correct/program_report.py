@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -128,6 +129,8 @@ def _left(program: CorrectedProgram) -> Iterator[Block]:
             place = _place(program, left.file, left.line)
             targets.append(f"{place}: {left.name} ({'; '.join(causes)})" if causes else f"{left.name} ({place})")
         yield from paragraphs(["; ".join(targets)], "note")
+        if reason == "not_understood" and program.missing:
+            yield Sentence(ENGLISH("program_missing", names=shlex.quote(",".join(program.missing))))
     if (others := len(program.left) - _LISTED) > 0:
         yield Sentence(ENGLISH("program_left_more", count=others), "note")
 
@@ -168,6 +171,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "written": not program.held,
         "run_by_a_real_controller": False,
         "neutral_routines": program.neutral,
+        "missing_routines": program.missing,
         "start_joints_deg": np.degrees(program.start).round(6) if program.start else None,
         "beside_left": {"steps": len(beside), "mean_mm": beside.mean() if len(beside) else None},
         "overruled": [at(one, "name", "kind") for one in program.overruled[:_KEPT]],

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from analysis.apps.makers.target import NEUTRAL
 from analysis.robot.kinematics.arm import Array, transform
 from rigs.errors import UseError
 from rigs.schema.probe import MM_PER_UNIT
@@ -74,7 +74,7 @@ def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str], neutral
     """
     routines = tuple(name.strip() for text in neutral for name in text.split(","))
     for name in routines:
-        if not re.fullmatch(r"\w[\w -]{0,39}", name):
+        if not NEUTRAL.fullmatch(name):
             problem, remedy = "is not the name of a routine", "write NAME or NAME,NAME"
             raise UseError(f"--neutral {name}", problem, remedy, code="usage")
     return Frames(_named("--tool", tools, transform(robot.tool)), _named("--frame", frames, None), routines)

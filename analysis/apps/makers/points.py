@@ -18,6 +18,7 @@ from analysis.apps.makers.program_machine import (
     EXTERNAL,
     OFF,
     Elsewhere,
+    ForgetAll,
     ForgetFamily,
     Move,
     Needs,
@@ -29,6 +30,7 @@ from analysis.apps.makers.program_machine import (
     Usage,
     Value,
     family_of,
+    programs_of,
     reachable,
     usages_of,
 )
@@ -124,8 +126,8 @@ class Points:
             for source in usage.comes_from:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
                     next_to_left.append(places[key if key in places else source])
+        first = [name for name, body in program.routines.items() if any(isinstance(of, Move) for of in body)]
         if targets:  # Relative moves in routines that run, directly or indirectly, with a routine that has targets
-            first = [name for name, body in program.routines.items() if any(isinstance(of, Move) for of in body)]
             bodies = (of for name in reachable(program.routines, first) for of in program.routines[name])
             relative = {of.relative for of in bodies if isinstance(of, Elsewhere) and of.relative}
             skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in sorted(relative)]
@@ -136,7 +138,8 @@ class Points:
             for kind, name in (("tool", one.tool), ("frame", one.frame)):
                 named |= {(kind, name.lower())} if isinstance(name, str) and name else set()
         sets, notices = tuple(self.sets), tuple(self.notices)
-        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), sets, notices, frozenset(named))
+        missing = _missing(program, first)
+        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), sets, notices, frozenset(named), missing)
 
     def _by_point(self, usages: Iterable[Usage]) -> dict[str, list[Usage]]:
         found: dict[str, list[Usage]] = {}
@@ -341,3 +344,11 @@ def as_frame(numbers: Iterable[float]) -> Array:
 
 def as_value(T: Array) -> tuple[float, ...]:
     return tuple(np.asarray(T, dtype=float).ravel().tolist())
+
+
+def _missing(program: Program, names: Iterable[str]) -> tuple[str, ...]:
+    """Unknown routines and instructions in the programs to which the named routines belong."""
+    programs = programs_of(program.routines, [call.name for call in program.beside])
+    starts = {start for name in names for start in programs[name]}
+    bodies = (of for name in reachable(program.routines, starts) for of in program.routines[name])
+    return tuple(sorted({of.missing for of in bodies if isinstance(of, ForgetAll) and of.missing}))

@@ -2,8 +2,7 @@
 
 The machine joins branches, runs loops to a fixed point and follows calls. A variable of the state has a value, or is
 unknown because of a line. `ForgetAll` stands for a statement outside the closed list of a dialect. Concurrent code may
-run at any moment: what it certainly can change is unknown everywhere, and all else only in the routines of the programs
-that start it.
+run at any moment: what it certainly can change is unknown everywhere, all else only in the programs that start it.
 """
 
 from __future__ import annotations
@@ -76,6 +75,8 @@ class ForgetFamily:
 @dataclass(frozen=True)
 class ForgetAll:
     why: Unknown
+    missing: str = ""
+    """Called routine without text or unknown instruction, which the user can state as neutral."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,7 @@ class _Machine:
         self.flow = {name: _successors(body) for name, body in program.routines.items()}
         concurrent = (*program.beside, *program.broken)
         self.pinned = self._concurrent_changes(concurrent)[0]
-        self.programs = _programs_of(program.routines, {call.name for call in concurrent}) if concurrent else {}
+        self.programs = programs_of(program.routines, {call.name for call in concurrent}) if concurrent else {}
         self.effects: dict[tuple[Call, ...], tuple[Unknown | None, bool]] = {(): (None, False)}
         """For concurrent calls: the cause if they may change everything, and True if they may move the arm."""
         self.unknown_in = {name: self._unknown_by_others(name, concurrent) for name in program.routines}
@@ -435,7 +436,7 @@ class _Machine:
         return list(usages.values())
 
 
-def _programs_of(routines: Mapping[str, tuple[Statement, ...]], concurrent: Iterable[str]) -> dict[str, set[str]]:
+def programs_of(routines: Mapping[str, tuple[Statement, ...]], concurrent: Iterable[str]) -> dict[str, set[str]]:
     """The programs to which each routine belongs, by their start: a routine that no other calls."""
     called = called_routines(routines.values()) | {*concurrent}
     programs: dict[str, set[str]] = {}

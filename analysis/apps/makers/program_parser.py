@@ -25,7 +25,7 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
-from analysis.apps.makers.target import Number, ProgramTexts, UncorrectedTarget
+from analysis.apps.makers.target import NEUTRAL, Number, ProgramTexts, UncorrectedTarget
 from analysis.correction.reasons import Reason
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
@@ -86,8 +86,10 @@ class ProgramParser:
     def forget(self, family: str, why: Unknown) -> None:
         self.add(ForgetFamily(family, why))
 
-    def not_known(self, text: str, at: int | None = None) -> None:
-        self.add(ForgetAll(self.why(f"{self.as_written(text, at)} is unknown here", at)))
+    def not_known(self, text: str, at: int | None = None, *, may_be_neutral: bool = False) -> None:
+        """Make everything unknown. may_be_neutral: if the dialect looks the text up in `neutral`."""
+        stated = text if may_be_neutral and NEUTRAL.fullmatch(text) else ""
+        self.add(ForgetAll(self.why(f"{self.as_written(text, at)} is unknown here", at), stated))
 
     def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
         if self.is_own:
@@ -132,7 +134,7 @@ class ProgramParser:
         routines, name = self.named(name), self.as_written(name, at)
         if len(routines) == 1:
             return Call(routines[0], self.why(f"{name} is called", at))
-        return ForgetAll(self.why(f"{name} is unknown here", at))
+        return ForgetAll(self.why(f"{name} is unknown here", at), missing="" if routines else name)
 
     def begin_routine(self, name: str) -> None:
         self.end_routine()

@@ -158,6 +158,12 @@ class Parsed:
     notices: tuple[Notice, ...] = ()
     named: frozenset[tuple[str, str]] = frozenset()
     """Tools and frames that the user can state, by kind and name in lower case."""
+    missing: tuple[str, ...] = ()
+    """Called routines without text and unknown instructions, which the user can state as neutral."""
+
+
+NEUTRAL = re.compile(r"\w[\w -]{0,39}|\$[\w.$\[\]]{1,60}\s*=\s*[\w.\[\]+-]{1,20}")
+"""What a user can state to change nothing: a routine or macro, or the assignment of a system variable of FANUC."""
 
 
 @dataclass(frozen=True)

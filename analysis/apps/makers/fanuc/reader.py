@@ -88,6 +88,8 @@ _FRAMES = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
 _CONFIG = re.compile(r"CONFIG\s*:\s*'\s*([FN])?\s*([UD])?\s*([TB])?\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*'")
 _JOINT = re.compile(rf"\bJ([1-6])\s*=\s*({NUMBER})\s*deg")
 _AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
+_REMOTE = re.compile(rf"\bR[XYZWPR]\s*=\s*{NUMBER}")
+"""Coordinates of a workpiece in the hand, relative to a tool that stands beside the arm."""
 _OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})")
 _GROUP = re.compile(r"\bGP(\d)\s*:")
 _GROUPS = re.compile(r"^DEFAULT_GROUP\s*=\s*([1*])", re.MULTILINE)
@@ -165,6 +167,8 @@ class _TpReader(ProgramParser):
         line = self.line(position.start())
         remark = self.raw[self.file][slice(*position.span("remark"))] if position["remark"] else ""
         target = Target(name, 0, line, form, numbers, tool, frame, flags, external=external, remark=remark)
+        if _REMOTE.search(body):
+            reason = "external_tcp"
         self.points.declare(position[1], target, reason or (None if len(numbers) == count == 6 else "incomplete"))
 
     def read(self, file: int) -> None:
@@ -209,7 +213,7 @@ class _TpReader(ProgramParser):
         elif SEARCH.fullmatch(text):
             self._forget_registers()
         elif not _POINT.match(text) and not NOTHING.fullmatch(text):
-            self.not_known(text)
+            self.not_known(text, may_be_neutral=True)
             if "LBL[" in text:
                 self.add(Jump(self.labels, falls=True))
 

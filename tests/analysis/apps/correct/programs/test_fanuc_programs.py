@@ -67,6 +67,11 @@ def test_other_motion_groups_do_not_matter_and_keep_their_bytes(group, tmp_path)
     assert new.replace(GROUPS[group], "") == plain.files["a.ls"].decode()
 
 
+def test_workpiece_in_the_hand_is_listed_with_its_reason(tmp_path):
+    found = changed(tmp_path, selecting(L4), "\tX =", "\tRX =")
+    assert ("P[4]", "external_tcp") in left_names(found)
+
+
 def test_position_without_the_arm_is_listed_and_a_group_before_the_arm_is_not(tmp_path):
     assert not left_names(changed(tmp_path, selecting(J1, L2), "   GP1:", GUN[1:] + "\n   GP1:"))
     assert left_names(changed(tmp_path, selecting(L2, L4), "P[4]{\n   GP1:", "P[4]{\n   GP2:")) == [

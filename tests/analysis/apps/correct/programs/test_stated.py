@@ -10,6 +10,10 @@ from rigs.errors import UseError
 from tests.analysis.apps.correct.programs.cases import case_of, cases_of
 from tests.analysis.apps.correct.programs.cells import (
     HEAD,
+    J1,
+    L2,
+    L3,
+    L4,
     M1,
     M2,
     OTHER,
@@ -18,6 +22,8 @@ from tests.analysis.apps.correct.programs.cells import (
     corrected_cell,
     corrected_files,
     job_of,
+    listing,
+    selecting,
     uncorrected,
     yaskawa_files,
 )
@@ -77,6 +83,18 @@ def test_place_in_another_file_is_reported_with_that_file(tmp_path):
     )
     assert "step.src line 2" in " ".join(words_of(program_report.blocks(found)))
     assert [one["file"] for one in program_report.as_object(found)["left"]] == ["step.src"]
+
+
+def test_all_routines_without_text_are_named_at_once(tmp_path):
+    main = selecting(J1, "CALL GRIP", "CALL PART", "CALL GRIP", L2, "$EQZ.$EQ_GUN_MNT=1", L3, L4)
+    part, unused = listing("CALL LAMP(1)", name="PART"), listing("CALL ELSEWHERE", name="UNUSED")
+    files = {"main.ls": main, "part.ls": part, "unused.ls": unused}
+    found = corrected_cell("fanuc", tmp_path, files)
+    assert found.missing == ("$EQZ.$EQ_GUN_MNT=1", "GRIP", "LAMP")
+    assert program_report.as_object(found)["missing_routines"] == found.missing
+    assert "--neutral '$EQZ.$EQ_GUN_MNT=1,GRIP,LAMP'" in " ".join(words_of(program_report.blocks(found)))
+    stated = corrected_cell("fanuc", tmp_path, files, neutral=found.missing)
+    assert uncorrected(found) and not uncorrected(stated) and not stated.missing
 
 
 def test_neutral_routines_are_reported(tmp_path):
