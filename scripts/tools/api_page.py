@@ -21,9 +21,8 @@ from typing import Any
 HEAD = """\
 # The Python API
 
-This page describes the functions of `rig` for scripts and notebooks. Start with the
-[notebook](notebook/first-steps.ipynb), which `pip install . jupyterlab` and
-`jupyter lab docs/notebook/first-steps.ipynb` open in a separate environment, or with five lines:
+The functions of `rig` for scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb) (`pip install .
+jupyterlab`, then `jupyter lab docs/notebook/first-steps.ipynb`), or with five lines:
 
 ```python
 from analysis import evaluate, load_run
@@ -35,9 +34,8 @@ result.curve.to_table()  # error over the circle angle, a pyarrow Table
 
 `RigFile` is the path of a rig file, or the name of a shipped rig or of an arm in the library. `AnyRun` is a run or the
 path of a run directory. Names state the unit, in degrees and mm. Arrays without a unit in the name are in radians and
-mm. `to_table()` returns a pyarrow Table, which polars, DuckDB and pandas can read; `to_frame()` of the same classes
-returns a pandas DataFrame if pandas is installed. `to_dict()` returns the content of `--json` as plain types. No
-function prints, and every expected failure is a `RigError` with `code`, `where`, `what` and `remedy` ([error
+mm. `to_table()` returns a pyarrow Table; `to_frame()` of the same classes returns a pandas DataFrame if pandas is
+installed. `to_dict()` returns the content of `--json` as plain types. Every expected failure is a `RigError` ([error
 codes](errors.md)).
 
 This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.

@@ -98,15 +98,13 @@ MuJoCo, xacro and yourdfpy [read these files](evidence/reach.md).
 rig export-urdf cell.yaml --for ur-driver --hash calib_12788084448423163542 -o calibration.yaml
 ```
 
-The ROS and ROS 2 drivers describe an arm by a file that the package `ur_calibration` extracts from the controller.
-`--for ur-driver` writes such a file for the measured arm; pass it as `kinematics_params_file`. It describes the chain
-from the frame `base` of the controller (half a turn about z from the `base_link` of ROS) to `tool0`. The `base` and
-`tool` of the rig file are not included: add them to the URDF of your cell.
+Pass the file to the ROS or ROS 2 driver as `kinematics_params_file`. It describes the chain from the frame `base` of
+the controller (half a turn about z from the `base_link` of ROS) to `tool0`. Add the `base` and `tool` of the rig file
+to the URDF of your cell.
 
-`hash` identifies a calibration in the controller, and the driver compares it at each start. Extract the file of the
-controller first and pass its `hash` with `--hash`; this states that the new file belongs to this robot. Without it, the
-driver reports at each start that the calibration does not match. This is true: Cartesian moves of the controller still
-use the stored calibration, while ROS plans with the file.
+`hash` identifies the calibration in the controller. Extract the file of the controller with `ur_calibration` and pass
+its `hash`; otherwise the driver reports at each start that the calibration does not match. Cartesian moves of the
+controller still use the stored calibration, while ROS plans with the file.
 
 """
 
