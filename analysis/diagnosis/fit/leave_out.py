@@ -83,6 +83,7 @@ class LeaveOut:
     selection: StateEvidence
     state: SelectionState
     causes: UnknownCauses = field(default_factory=lambda: UnknownCauses({}))
+    _reduced: dict[tuple[int, ...], ReducedState] = field(default_factory=dict, init=False, repr=False)
 
     def _bare(self, places: Sequence[int]) -> tuple[SelectionState, list[int]]:
         """The state without the effects at these places, and the places of the others."""
@@ -92,7 +93,13 @@ class LeaveOut:
         return replace(self.state, refined=refined, origins=tuple(self.state.origins[k] for k in kept)), kept
 
     def without(self, places: Sequence[int]) -> ReducedState:
-        """The state without the effects at these places, at the same noise and level."""
+        """The state without the effects at these places, at the same noise and level. Cached."""
+        key = tuple(sorted(places))
+        if key not in self._reduced:
+            self._reduced[key] = self._without(key)
+        return self._reduced[key]
+
+    def _without(self, places: Sequence[int]) -> ReducedState:
         bare, kept = self._bare(places)
         variance, mean = self.selection.backgrounds.prior(bare)
         rows = self._rows(kept)

@@ -4,7 +4,8 @@ odds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -111,6 +112,9 @@ class Rivals:
 
     selection: Selection
     state: SelectionState
+    fitted: Rivals | None = None
+    """Rivals of the same effects in an arm of another level, whose fits are used."""
+    _fits: dict[tuple[int, str], SelectionState] = field(default_factory=dict, init=False, repr=False)
 
     def cautious_odds(self, place: int, *, faults_only: bool = False) -> RivalOdds:
         """`odds`, for a quiet arm averaged with those at a usual level.
@@ -144,7 +148,7 @@ class Rivals:
             linear = self._left_out.coefficients_without([place])
             if not self._likely_forms(place, reduced.bare, reduced.evidence, linear, faults_only=faults_only):
                 return self._weighed(place, self._gain(place, reduced.evidence), [])
-        without = selection.without(state, place)
+        without = self._without(place)
         bare, without_name = selection.evidence(without), selection.posterior(without)
         gain = self._gain(place, bare)
         rivals: list[tuple[SelectionState, float]] = []
@@ -154,7 +158,7 @@ class Rivals:
                 break
             if forms[k].name in seen:
                 continue
-            tried = selection.with_form(without, without_name, k)
+            tried = self._instead(place, k, without_name)
             if name_of(tried.effects[-1]) == name_of(effect):
                 continue
             seen.add(name_of(tried.effects[-1]))
@@ -166,10 +170,29 @@ class Rivals:
             is_new = np.isfinite(self._gains[k])
             if is_new and gain_over > gain - _DOUBT:
                 # A rival that explains as much in addition to the name explains a different part of the readings.
-                both = selection.with_form(state, self._posterior, k)
-                gain_over = instead - max(selection.evidence(both) - self._evidence, 0.0)
+                gain_over = instead - max(selection.evidence(self._beside(k)) - self._evidence, 0.0)
             rivals.append((tried, gain_over))
         return self._weighed(place, gain, rivals)
+
+    def _without(self, place: int) -> SelectionState:
+        return self._fit(place, "", lambda fits: fits.selection.without(fits.state, place))
+
+    def _instead(self, place: int, k: int, without_name: CoefficientPosterior) -> SelectionState:
+        """The state with form k in place of an effect."""
+        name = self.selection.columns.forms[k].name
+        return self._fit(place, name, lambda fits: fits.selection.with_form(fits._without(place), without_name, k))
+
+    def _beside(self, k: int) -> SelectionState:
+        """The state with form k in addition."""
+        return self._fit(-1, str(k), lambda fits: fits.selection.with_form(fits.state, fits._posterior, k))
+
+    def _fit(self, place: int, name: str, fit: Callable[[Rivals], SelectionState]) -> SelectionState:
+        """A fit, cached. Sizes and shapes hardly depend on the level, so that of another level is used."""
+        if self.fitted is not None:
+            return replace(self.fitted._fit(place, name, fit), level=self.state.level)
+        if (place, name) not in self._fits:
+            self._fits[place, name] = fit(self)
+        return self._fits[place, name]
 
     def _likely_forms(
         self, place: int, without: SelectionState, bare: float, coefficients: Coefficients, *, faults_only: bool
@@ -226,4 +249,4 @@ class Rivals:
 
     @cached_property
     def _in_usual_arm(self) -> Rivals:
-        return Rivals(self.selection, replace(self.state, level=self.state.level.at_least(_CAUTIOUS)))
+        return Rivals(self.selection, replace(self.state, level=self.state.level.at_least(_CAUTIOUS)), self)

@@ -416,11 +416,14 @@ def _other_parameters(result: SearchResult, k: int) -> CoefficientPosterior:
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != field for unknown in refined.unknowns]
-    precision = fitted.precision[np.ix_(kept, kept)]
+    shape = [unknown.field != field for unknown in refined.unknowns if unknown.effect == k]
+    # All other responses are the same, so that their products with the columns are computed once.
+    responses = list(fitted.responses)
+    responses[k] = Response(responses[k].columns[:, shape])
     terms = replace(
         fitted,
-        responses=(Response(fitted.T[:, kept]),),
-        precision=precision,
+        responses=tuple(responses),
+        precision=fitted.precision[np.ix_(kept, kept)],
         mean=fitted.mean[kept],
         held=fitted.held[kept],
     )
