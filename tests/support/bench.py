@@ -180,7 +180,8 @@ class Bench(Watched):
             assert process.stdin and process.stdout
             process.stdin.write(line + "\n")
             process.stdin.flush()
-            return process.stdout.readline().strip()
+            # The end of an earlier lap may be reported in between.
+            return next(said for said in process.stdout if not said.endswith(": done\n")).strip()
 
         try:
             next(line for line in process.stdout if line.startswith("ready"))

@@ -110,7 +110,7 @@ def test_planned_u_agrees_with_a_fit_of_faulty_readings(fault):
     one = next(one for one in expected.candidates if one.name == name_of(fault))
     times = size_of(fault)
     told = expected.sd(one, times) * healthy_size(fault)
-    assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
+    assert found.fitted_sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
 
 
 def test_eccentric_ball_makes_axis_6_detectable(circle_alone):

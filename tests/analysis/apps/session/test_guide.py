@@ -117,8 +117,8 @@ def test_page_contains_charts(whole):
     assert page.stat().st_size > 10_000 and "data:image/svg" in text
     assert texts_of("en").not_known(0.82) in text
     assert f"to {correction.same.text}" in correction.sentence
-    figures = {"um": correction.same.um, "u": correction.same.u_um}
-    assert texts_of("en")("rms_without_u" if figures["u"] is None else "rms_and_u_of", **figures) in text
+    key = "rms_without_u" if correction.same.u_um is None else "rms_and_u_of"
+    assert texts_of("en")(key, error=correction.same) in text
 
 
 @pytest.mark.cpu_limit(150)
