@@ -1,5 +1,6 @@
-"""Create pictures of the pages for the documents: the report (annotated first screen, dark mode, print, steps, sphere
-and arm), and the pages of a fleet and of a history.
+"""Create pictures of the pages for the documents: of the report, a fleet and a history.
+
+The report is shown annotated, dark, printed, with its steps, on the sphere and on the arm.
 
 `scripts/dev page_pictures` simulates the runs described in `docs/reading-the-report.md`, and a plant of a year, creates
 their pages, and takes screenshots with a headless Chromium, stored in docs/images.

@@ -110,5 +110,5 @@ def test_unsupported_features_of_seven_axes_are_refused(written, what):
 
 def test_a_coupling_of_another_size_is_refused():
     robot = load_arm("franka-fr3").robot
-    with pytest.raises(ValueError, match="7 rows of 7 numbers"):
+    with pytest.raises(ValueError, match="axes lists 7 axes, but coupling has 6 rows"):
         Robot.model_validate({"name": "x", "axes": [one.model_dump() for one in robot.axes], "coupling": identity(6)})
