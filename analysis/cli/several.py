@@ -155,7 +155,7 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
 
 
 def _refuse_file(path: Path) -> None:
-    """Raise the error of a file that is neither a table nor a run, with its kind if known."""
+    """Refuse a file that is neither a table nor a run. The error names the kind of the file, if it is known."""
     from analysis.intake.converted import is_convertible
     from analysis.intake.read import refuse_other_formats
     from analysis.intake.table_files import read_head

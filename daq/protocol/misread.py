@@ -24,7 +24,7 @@ The deviations of eight neighbours with normal scatter, six of which are indepen
 
 @dataclass(frozen=True, slots=True)
 class Misread:
-    """A reading that was probably misread, and the length expected in its place."""
+    """A reading with a probable wrong character, and the length expected in its place."""
 
     number: PrintedNumber
     expected_mm: float
@@ -48,7 +48,7 @@ class RecentNumbers:
         self._has_compared_first = False
 
     def add(self, number: PrintedNumber, at_ns: int) -> Misread | None:
-        """Add a reading. Returns an earlier one that was probably misread.
+        """Add a reading, and return an earlier one that was probably misread, if any.
 
         The first readings are compared as soon as there are enough of them, and each later one when two have followed.
         """

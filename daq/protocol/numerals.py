@@ -110,7 +110,7 @@ class NumberFormat:
         return True, [*items, *filter(None, doubts)]
 
     def _accept(self, number: PrintedNumber, message: Message) -> Fault | None:
-        """Note a reading. Returns a fault if it shows that an earlier one was misread."""
+        """Note a reading, and return the doubt about an earlier one that it shows to be misread, if any."""
         if self._usual is not None:
             self._steps_mm.append(number.value_mm - self._usual.value_mm)
         self._readings += 1

@@ -289,9 +289,9 @@ class Robot(Part):
         if {len(rows), *map(len, rows)} != {count}:
             key, size = info.field_name, len(rows)
             if {*map(len, rows)} == {size}:
+                missing = "axis to axes" if count < size else f"rows to {key}"
                 raise ValueError(
-                    f"axes lists {count} axes, but {key} has {size} rows of {size} numbers; "
-                    f"{'add the missing axis to axes' if count < size else f'add the missing rows to {key}'}, "
+                    f"axes lists {count} axes, but {key} has {size} rows of {size} numbers; add the missing {missing}, "
                     "or remove the row and the column that do not belong to the arm"
                 )
             raise ValueError(f"{key} must have {count} rows of {count} numbers, one for each axis; correct the rows")

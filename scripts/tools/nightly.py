@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
+
 from tests.support.durations import Durations, durations
 from tests.support.nightly import NIGHT_IS_OVER
 
@@ -54,6 +56,9 @@ def main() -> int:
         if not report.exists():
             return code
         night = read(report, (time.time() - began_s) / 60)
+    if code == pytest.ExitCode.INTERRUPTED:
+        print("interrupted: the tests that had not begun are not counted")
+        return code
     print(summary(night))
     if asked.keep:
         text = PAGE.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Damaged answers of gauges that print numbers: the host side of a gauge in simulated time, and its recorded readings.
+"""Sessions of gauges that print numbers, over lines that damage answers, in simulated time.
 
 The damage is that of cables, adapters and ports, and shares nothing with the checks of `daq.protocol.numerals`.
 """
@@ -74,7 +74,7 @@ DAMAGES: dict[str, Damage] = LOSSES | {
 
 @dataclass
 class _Line:
-    """A line that damages one answer in `one_in`.
+    """A line on which, on average, one of `one_in` answers is damaged.
 
     has_parity: a character with a flipped bit arrives as NUL (`daq.wire.serial_port`).
     """
@@ -146,7 +146,7 @@ class _Shown:
 
 
 def recorded(gauge: str, damage: str, seed: int, *, answers: int = 100, one_in: float = 12.0) -> Recorded:
-    """Read a gauge over a line that damages one answer in `one_in`."""
+    """Readings of a gauge over a line on which, on average, one of `one_in` answers is damaged."""
     gauges, resolution_mm = PRINTING[gauge]
     dice = Random(f"{gauge} {damage} {seed}")
     position_mm, shown, items = _motion(dice), list[_Shown](), list[Item]()

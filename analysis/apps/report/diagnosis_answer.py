@@ -214,7 +214,7 @@ def _faults(words: AnswerWords) -> list[Block]:
 
 
 def _lists(words: AnswerWords) -> list[str]:
-    """The effects that were given to be fitted, and those excluded from the fit."""
+    """Sentences that name the effects of --fit and of --fix; none after a search."""
     diagnosis, texts = words.diagnosis, words.texts
     if not diagnosis.given:
         return []

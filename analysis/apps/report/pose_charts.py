@@ -40,8 +40,9 @@ _LONGEST = 0.16
 
 @dataclass(frozen=True)
 class PoseModel:
-    """Errors of poses that remain with a better model of the arm. held_out: rows of the tables, from 1, by run, that
-    were not used to fit the model.
+    """Errors of poses that remain with a better model of the arm.
+
+    held_out: by run, the rows of its table, from 1, that were not used to fit the model.
     """
 
     errors: tuple[PoseComparison, ...] = ()

@@ -55,7 +55,9 @@ def given_effects(words: str, axes: int = 6, option: str = "--fit") -> list[Effe
 
 
 def without_fixed(given: Sequence[Effect], words: str, axes: int = 6) -> tuple[list[Effect], list[Effect]]:
-    """Effects to fit without those that a second list excludes, and the excluded ones. Raises UseError."""
+    """Split the effects of --fit into those that remain to be fitted and those that --fix names in `words`. Raises
+    UseError.
+    """
     fixed = given_effects(words, axes, "--fix")
     if unused := [effect for effect in fixed if effect not in given]:
         problem = f"{name_of(unused[0])} is not fitted by --fit"

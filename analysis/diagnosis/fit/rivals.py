@@ -114,7 +114,7 @@ class Rivals:
     state: SelectionState
     fitted: Rivals | None = None
     """Rivals of the same effects in an arm of another level, whose fits are used."""
-    _fits: dict[tuple[int, str], SelectionState] = field(default_factory=dict, init=False, repr=False)
+    _fits: dict[tuple[int | str, ...], SelectionState] = field(default_factory=dict, init=False, repr=False)
 
     def cautious_odds(self, place: int, *, faults_only: bool = False) -> RivalOdds:
         """`odds`, for a quiet arm averaged with those at a usual level.
@@ -175,24 +175,24 @@ class Rivals:
         return self._weighed(place, gain, rivals)
 
     def _without(self, place: int) -> SelectionState:
-        return self._fit(place, "", lambda fits: fits.selection.without(fits.state, place))
+        return self._fit(("without", place), lambda arm: arm.selection.without(arm.state, place))
 
     def _instead(self, place: int, k: int, without_name: CoefficientPosterior) -> SelectionState:
-        """The state with form k in place of an effect."""
-        name = self.selection.columns.forms[k].name
-        return self._fit(place, name, lambda fits: fits.selection.with_form(fits._without(place), without_name, k))
+        """The state with form k in place of an effect. One form of each name is fitted."""
+        key = ("instead", place, self.selection.columns.forms[k].name)
+        return self._fit(key, lambda arm: arm.selection.with_form(arm._without(place), without_name, k))
 
     def _beside(self, k: int) -> SelectionState:
         """The state with form k in addition."""
-        return self._fit(-1, str(k), lambda fits: fits.selection.with_form(fits.state, fits._posterior, k))
+        return self._fit(("beside", k), lambda arm: arm.selection.with_form(arm.state, arm._posterior, k))
 
-    def _fit(self, place: int, name: str, fit: Callable[[Rivals], SelectionState]) -> SelectionState:
-        """A fit, cached. Sizes and shapes hardly depend on the level, so that of another level is used."""
+    def _fit(self, key: tuple[int | str, ...], fit: Callable[[Rivals], SelectionState]) -> SelectionState:
+        """A fit, cached. Sizes and shapes hardly depend on the level, so a fit at another level is used if given."""
         if self.fitted is not None:
-            return replace(self.fitted._fit(place, name, fit), level=self.state.level)
-        if (place, name) not in self._fits:
-            self._fits[place, name] = fit(self)
-        return self._fits[place, name]
+            return replace(self.fitted._fit(key, fit), level=self.state.level)
+        if key not in self._fits:
+            self._fits[key] = fit(self)
+        return self._fits[key]
 
     def _likely_forms(
         self, place: int, without: SelectionState, bare: float, coefficients: Coefficients, *, faults_only: bool

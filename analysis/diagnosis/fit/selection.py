@@ -508,8 +508,10 @@ class Selection(StateEvidence):
             best = int(np.argmax(gain))
             if not gain[best] > max(_IMITATED * first, HEALTHY_PRICE):
                 break
+            if not is_usual(coefficients.size(forms[best])):
+                break
             begins = starting_effects(self.linear, self.columns, posterior, forms[best])
-            if not (is_usual(coefficients.size(forms[best])) and are_usual(begins)):
+            if not are_usual(begins):
                 break
             names.add(forms[best].name)
             if not any(is_one(effect, begins[0]) for effect in state.effects):
