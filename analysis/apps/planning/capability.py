@@ -119,6 +119,7 @@ def _further_tests(
         sds = {name: test.expected.sd_of_name(name) for name in hidden}
         gains.append(Gain(test.test, test.why, parted, sum(map(is_detectable, sds.values()))))
         sigma |= {name: 1 / sd for name, sd in sds.items()}
+        test.expected.release_columns()
         for key, value in sigma.items():
             further[key].append(SeparatingTest(test.test, value, test.why))
     return (

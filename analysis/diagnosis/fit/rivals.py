@@ -50,6 +50,16 @@ class RivalOdds:
     """Rivals, best first: the state with the rival in place of the effect, and the odds of the rival."""
     healthy_odds: float = 0.0
 
+    def averaged(self, other: RivalOdds) -> RivalOdds:
+        """The mean of these odds and others of the same effect. A rival of both keeps its state here."""
+        likely: dict[str, tuple[SelectionState, float]] = {}
+        for tried, share in (*self.rivals, *other.rivals):
+            name = name_of(tried.effects[-1])
+            first, before = likely.get(name, (tried, 0.0))
+            likely[name] = first, before + share / 2
+        rivals = tuple(sorted(likely.values(), key=lambda rival: -rival[1]))
+        return RivalOdds((self.odds + other.odds) / 2, rivals, (self.healthy_odds + other.healthy_odds) / 2)
+
 
 def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
     """Compare each fault with its rivals. One with more evidence replaces the fault, and the search continues from
@@ -62,8 +72,12 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
     compared: list[RivalOdds] = []
     for swaps_left in reversed(range(_SWAPS + 1)):
         compared, rivals = [], Rivals(selection, state)
+        usual = rivals.in_usual_arm
         for place in range(len(state.effects)):
-            odds = rivals.cautious_odds(place, faults_only=not selection.is_reported(state, place))
+            faults_only = not selection.is_reported(state, place)
+            odds = rivals.odds(place, faults_only=faults_only)
+            if usual:
+                odds = odds.averaged(usual.odds(place, faults_only=faults_only))
             compared.append(odds)
             if swaps_left and place not in swapped and odds.rivals and odds.rivals[0][1] > odds.odds:
                 rival_state = selection.select(odds.rivals[0][0])
@@ -115,24 +129,6 @@ class Rivals:
     fitted: Rivals | None = None
     """Rivals of the same effects in an arm of another level, whose fits are used."""
     _fits: dict[tuple[int | str, ...], SelectionState] = field(default_factory=dict, init=False, repr=False)
-
-    def cautious_odds(self, place: int, *, faults_only: bool = False) -> RivalOdds:
-        """`odds`, for a quiet arm averaged with those at a usual level.
-
-        The level is estimated from the dominant part of the readings, mostly waves of gears. Constants that a set-up
-        absorbs may be usual in the same arm, and a rival may then explain as much.
-        """
-        odds = self.odds(place, faults_only=faults_only)
-        if self.state.level.values.min() >= _CAUTIOUS:
-            return odds
-        usual = self._in_usual_arm.odds(place, faults_only=faults_only)
-        likely: dict[str, tuple[SelectionState, float]] = {}
-        for tried, share in (*odds.rivals, *usual.rivals):
-            name = name_of(tried.effects[-1])
-            first, before = likely.get(name, (tried, 0.0))
-            likely[name] = first, before + share / 2
-        rivals = tuple(sorted(likely.values(), key=lambda rival: -rival[1]))
-        return RivalOdds((odds.odds + usual.odds) / 2, rivals, (odds.healthy_odds + usual.healthy_odds) / 2)
 
     def odds(self, place: int, *, faults_only: bool = False) -> RivalOdds:
         """Odds of a named effect and of its rivals. A rival explains as much if it replaces the effect, and nothing
@@ -247,6 +243,14 @@ class Rivals:
     def _left_out(self) -> LeaveOut:
         return LeaveOut(self.selection, self.state)
 
-    @cached_property
-    def _in_usual_arm(self) -> Rivals:
-        return Rivals(self.selection, replace(self.state, level=self.state.level.at_least(_CAUTIOUS)), self)
+    @property
+    def in_usual_arm(self) -> Rivals | None:
+        """The rivals at a usual level, for an arm that seems quiet; None for others.
+
+        The level is estimated from the dominant part of the readings, mostly waves of gears. Constants that a set-up
+        absorbs may be usual in the same arm, and a rival may then explain as much: the odds at both are averaged.
+        """
+        level = self.state.level
+        if level.values.min() >= _CAUTIOUS:
+            return None
+        return Rivals(self.selection, replace(self.state, level=level.at_least(_CAUTIOUS)), self)

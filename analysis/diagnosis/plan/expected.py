@@ -248,6 +248,10 @@ class ExpectedPosterior:
         A = background_of(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
         return FormPosterior(self._columns.forms, A, self._variance)
 
+    def release_columns(self) -> None:
+        """Drop the columns, some 100 MB for circles. What was computed from them is kept; else they are computed again."""
+        vars(self).pop("_columns", None)  # location of a computed cached property
+
     def sd(self, candidate: Candidate, size: float | None = None) -> float:
         """Standard uncertainty of a candidate's size, in healthy sizes, averaged over free phases. `size`: of the
         fault, relevant for backlash, for example; None for the smallest detected fault.

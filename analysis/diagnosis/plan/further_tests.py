@@ -179,8 +179,13 @@ def shortest(
     def effort(test: PossibleTest) -> tuple[bool, float]:
         return not test.is_other_kind, test.cost.minutes or 0.0
 
+    def measured(test: PossibleTest) -> tuple[PossibleTest, float]:
+        sigmas = sigma(test)
+        test.expected.release_columns()
+        return test, sigmas
+
     for _, group in groupby(sorted(possible, key=effort), key=effort):
-        best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
+        best, sigmas = max(map(measured, group), key=itemgetter(1))
         if enough(sigmas):
             return best, sigmas
     return None
