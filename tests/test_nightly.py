@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -64,10 +65,19 @@ def test_night_goes_on_after_a_failure_and_shows_the_night_before(tmp_path):
         ("skipped", "the night was over"),
     ]
     page = f"before\n{night.BEGIN}\n\nnothing\n\n{night.END}\nafter\n"
-    first = night.page_with(page, outcomes, night.previous(page), "a")
-    second = night.page_with(first, outcomes[:2], night.previous(first), "b")
-    assert "| bad | failed | 0 | – | `1 of 3` |" in first and "| bad | failed | 0 | failed, 0 | `1 of 3` |" in second
-    assert second.startswith("before\n") and second.endswith("\nafter\n") and "commit a" not in second
+    first = night.page_with(page, outcomes, "a")
+    assert "| good | passed | 0 |" in first and "| – | `3 of 3` |" in first
+    second = night.page_with(first, [replace(outcomes[0], result="failed"), outcomes[3]], "b")
+    rows = night.rows_of(second)
+    assert list(rows) == [part.name for part in PARTS]
+    assert rows["good"][1::2] == ["failed", f"{rows['good'][3].partition(',')[0]}, b", "`3 of 3`"]
+    assert rows["good"][4] == "passed, 0" and rows["bad"] == night.rows_of(first)["bad"]
+    assert second.startswith("before\n") and second.endswith("\nafter\n")
+
+
+def test_what_a_part_did_is_not_replaced_by_why_it_was_skipped():
+    page = night.page_with(f"{night.BEGIN}{night.END}", [night.Outcome("one", "passed", 3, "3 of 3")], "a")
+    assert night.page_with(page, [night.Outcome("one", "skipped", 0, "the night was over")], "b") == page
 
 
 def test_parts_of_the_night_are_programs_that_exist_and_fit_into_it():

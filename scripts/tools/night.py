@@ -1,7 +1,7 @@
 """Run everything that a commit does not: slow tests, storms, fuzz, benchmarks, LinuxCNC; at most three hours.
 
-A failure does not end the night. The result goes into docs/evidence/nightly.md, beside that of the night before, and
-the output of each part into dist/night.
+A failure does not end the night. The result of each part goes into docs/evidence/nightly.md, beside the one before, and
+its output into dist/night.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,7 +83,9 @@ class Outcome:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", default=[], metavar="WORD", help="run some parts, write no page")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="WORD", help="run some parts; the others keep their row"
+    )
     parser.add_argument("--hours", type=float, default=3.0, help="begin no part that would end later (3)")
     parser.add_argument("--list", action="store_true", help="print the parts and run none")
     given = parser.parse_args()
@@ -92,12 +94,9 @@ def main() -> int:
         for part in parts:
             print(f"{part.minutes:4.0f} min  {part.name}: {' '.join(part.command)}  {part.missing()}".rstrip())
         return 0
-    before = previous(PAGE.read_text(encoding="utf-8"))
-    shutil.rmtree(LOGS, ignore_errors=True)
     outcomes = spend(parts, LOGS, time.monotonic() + 3600 * given.hours)
-    if not given.only:
-        page = PAGE.read_text(encoding="utf-8")  # the slow tests have written their own result into it
-        PAGE.write_text(page_with(page, outcomes, before, commit()), encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")  # after the parts: the slow tests have written their own result into it
+    PAGE.write_text(page_with(page, outcomes, commit()), encoding="utf-8")
     return int(any(outcome.result in ("failed", "too long") for outcome in outcomes))
 
 
@@ -143,28 +142,34 @@ def _end(child: subprocess.Popen[bytes]) -> None:
             continue
 
 
-def previous(page: str) -> dict[str, str]:
-    """Result and minutes of each part on the page."""
+_COLUMNS = ["part", "result", "minutes", "of", "before", "last line, or reason"]
+
+
+def rows_of(page: str) -> dict[str, list[str]]:
+    """The cells of each part on the page."""
     rows = page.partition(BEGIN)[2].partition(END)[0].splitlines()
-    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows if row.startswith("| ")]
-    return {row[0]: f"{row[1]}, {row[2]}" for row in cells[2:] if len(row) > 2 and row[1] != "skipped"}
+    cells = [[cell.strip() for cell in row.strip("|").split(" | ")] for row in rows if row.startswith("| ")]
+    return {row[0]: row for row in cells[2:]}
 
 
-def page_with(page: str, outcomes: Sequence[Outcome], before: Mapping[str, str], state: str) -> str:
+def page_with(page: str, outcomes: Sequence[Outcome], state: str) -> str:
+    """The page with the rows of these parts, each with the day, the commit and its result before; other parts keep
+    theirs.
+    """
     start, _, rest = page.partition(BEGIN)
     _, mark, after = rest.partition(END)
     if not mark:
         raise ValueError(f"{PAGE.name} has no marks {BEGIN} and {END}")
-    minutes = sum(outcome.minutes for outcome in outcomes)
-    counts = {
-        result: sum(one.result == result for one in outcomes) for result in ("passed", "failed", "too long", "skipped")
-    }
-    told = ", ".join(f"{count} {result}" for result, count in counts.items())
-    lines = [f"{dt.datetime.now(tz=dt.UTC).date()}, commit {state}: {told}, in {minutes:.0f} minutes.", ""]
-    lines += ["| part | result | minutes | before | last line, or reason |", "| --- | --- | --- | --- | --- |"]
+    rows, of = rows_of(page), f"{dt.datetime.now(tz=dt.UTC).date()}, {state}"
     for one in outcomes:
+        before = rows.get(one.part)
+        if before and one.result == "skipped":
+            continue  # what it did last says more
+        told = f"{before[1]}, {before[2]}" if before else "–"
         detail = one.detail.replace("|", "/")
-        lines.append(f"| {one.part} | {one.result} | {one.minutes:.0f} | {before.get(one.part, '–')} | `{detail}` |")
+        rows[one.part] = [one.part, one.result, f"{one.minutes:.0f}", of, told, f"`{detail}`"]
+    table = [_COLUMNS, ["---"] * len(_COLUMNS), *rows.values()]
+    lines = [f"| {' | '.join(row)} |" for row in table]
     return f"{start}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{after}"
 
 
