@@ -249,7 +249,7 @@ class ExpectedPosterior:
         return FormPosterior(self._columns.forms, A, self._variance)
 
     def release_columns(self) -> None:
-        """Drop the columns, some 100 MB for circles. What was computed from them is kept; else they are computed again."""
+        """Drop the columns, some 100 MB for circles; what was computed from them is kept."""
         vars(self).pop("_columns", None)  # location of a computed cached property
 
     def sd(self, candidate: Candidate, size: float | None = None) -> float:
