@@ -126,6 +126,7 @@ def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium, runs)
         hold_quiet(chromium, port)
     chromium.until("document.getElementById('state').classList.contains('stale')")
     assert chromium.value("document.getElementById('live').classList.contains('stale-all')")
+    assert violations(chromium) == []  # old figures are read too
     with served(runs, source=Playing(runs / "runs" / "run-1", 12.0), port=port):
         chromium.until("!document.getElementById('state').classList.contains('stale')")
     chromium.sized(*SIZES["desk"])
