@@ -2,7 +2,8 @@
 
 A parameter is a float32 in two registers, starting at the parameter address + 8000. It must be read completely, in a
 separate read. The status validates the reading (manual p. 32, 48-54, confirmed). Each sample therefore takes two
-requests and has the stamps of the first. Function, word order, the float32 type of the status, and the line settings
+requests and has the stamps of the first. An error may end between the two, so the first reading of a connection and
+the first after an error are not recorded. Function, word order, the float32 type of the status, and the line settings
 are not confirmed.
 """
 
@@ -79,6 +80,8 @@ class _OrbitDialect:
         self._held: Sample | None = None
         self._asked: Sample | None = None
         """Reading to be confirmed by the last request; None if that requested a reading."""
+        self._was_good = False
+        """Whether the latest status known was good. An error may end between a reading and its status."""
 
     def request(self) -> bytes:
         self._asked, self._held = self._held, None
@@ -97,7 +100,10 @@ class _OrbitDialect:
         if not isinstance(item, Sample):
             return reply
         code = round(item.values[0])
+        was_good, self._was_good = self._was_good, code == 0
         if code == 0:
+            if not was_good:
+                return Reply(())
             if refused := refusal(self._asked.values[0], self._gauge):
                 kind, detail = refused
                 return Reply((Fault(kind, self._asked.last_byte_ns, detail),), Then.PAUSE)

@@ -61,6 +61,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="a page that is there already (made anew)")
     parser.add_argument("--plant", action="store_true", help="only the pages of a fleet and of a history")
     given = parser.parse_args()
+    given.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch, browser(Path(scratch) / "plant-profile") as chromium:
         _plant(chromium, Path(scratch), given.output)
     if given.plant:
