@@ -102,11 +102,13 @@ class _OrbitDialect:
         code = round(item.values[0])
         was_good, self._was_good = self._was_good, code == 0
         if code == 0:
-            if not was_good:
-                return Reply(())
-            if refused := refusal(self._asked.values[0], self._gauge):
-                kind, detail = refused
-                return Reply((Fault(kind, self._asked.last_byte_ns, detail),), Then.PAUSE)
-            return Reply((self._asked,))
+            return self._confirmed(self._asked) if was_good else Reply(())
         meaning = _STATUS.get(code, "an error of the gauge; see the manual")
         return Reply((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)
+
+    def _confirmed(self, reading: Sample) -> Reply:
+        """A reading with a good status before and after it, if its value is possible."""
+        refused = refusal(reading.values[0], self._gauge)
+        return (
+            Reply((Fault(refused[0], reading.last_byte_ns, refused[1]),), Then.PAUSE) if refused else Reply((reading,))
+        )
