@@ -108,7 +108,7 @@ class _OrbitDialect:
 
     def _confirmed(self, reading: Sample) -> Reply:
         """A reading with a good status before and after it, if its value is possible."""
-        refused = refusal(reading.values[0], self._gauge)
-        return (
-            Reply((Fault(refused[0], reading.last_byte_ns, refused[1]),), Then.PAUSE) if refused else Reply((reading,))
-        )
+        if refused := refusal(reading.values[0], self._gauge):
+            kind, detail = refused
+            return Reply((Fault(kind, reading.last_byte_ns, detail),), Then.PAUSE)
+        return Reply((reading,))
