@@ -91,7 +91,8 @@ def tool_poses(model: Model, q: Array) -> Array:
 
 
 def at_rest(q: Array) -> Path:
-    return Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)
+    """The arm at each of the joint angles q (n, 6) rad, as a visit of its own: plays are in their middle."""
+    return Path(Motion(np.arange(len(q), dtype=float), q, samples_per_visit=1), np.arange(len(q)), stands=True)
 
 
 def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:

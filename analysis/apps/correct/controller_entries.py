@@ -16,25 +16,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.apps.correct.work_area import WorkArea
 from analysis.apps.makers import CHECK_LENGTH, Controller, maker_by
 from analysis.apps.report.texts import ENGLISH
 from analysis.correction.corrected_targets import CorrectedTargets
-from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
-from analysis.correction.support import Support
 from analysis.correction.work import (
     TaughtFrame,
     base_u_um,
     largest_move_mm,
-    left_out_mm,
     real_model,
-    rest_effects,
     rest_mm,
     rms_um,
     spread_angles,
     tool_places,
     tool_poses,
-    used_effects,
-    work_or_spread,
 )
 from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
 from analysis.robot.kinematics.arm import Array, arm_of, controller_robot, pose_error, reported_angles
@@ -282,10 +277,8 @@ class ControllerEntries:
         return self.before_um - self.by_targets_um
 
 
-def controller_entries(
-    rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
-) -> ControllerEntries:
-    """Compute the changes at a controller that represent most of the model of a rig.
+def controller_entries(area: WorkArea, name: MakerName, scale: Sequence[float] | None = None) -> ControllerEntries:
+    """Compute the changes at a controller that represent most of the model of a rig, judged over its work area.
 
     scale (6,): counts per degree or gear ratios of the axes. Raises UseError if the controller uses no scale.
     """
@@ -293,9 +286,8 @@ def controller_entries(
     if scale and not controller.scale:
         problem = f"must be omitted: {controller.maker} uses {controller.unit}, without a scale"
         raise UseError("--scale", problem, "remove it", code="usage")
-    used, uncorrected = used_effects(rig, supported), rest_effects(rig, supported)
-    uncertainty = pose_uncertainty(rig, supported)
-    spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
+    rig, used, q, uncertainty = area.rig, area.used, area.q, area.uncertainty
+    spread = spread_angles(rig, uncertainty.joints_rad)
     moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
     larger = _significant(rig, used, controller, (q, spread), moves)
     projection, u = _certain(rig, used, larger, q, moves)
@@ -309,8 +301,8 @@ def controller_entries(
         _entry(rig, controller, scale, readings_deg, constant, size)
         for constant, size in zip(projection.constants, sizes, strict=True)
     ]
-    left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
-    in_base_mm, u_mm = places_u_mm(rig, uncertainty, q, q)
+    left_mm = np.linalg.norm(area.left_out_mm, axis=1)
+    in_base_mm, u_mm = area.u_mm
     doubt_mm = np.hypot(u_mm, left_mm)
     before_um = rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm))
     after_um = rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm))
@@ -328,7 +320,7 @@ def controller_entries(
         tuple(readings_deg.tolist()),
         effects,
         tuple(tuple(entries[k].parameter for k in group) for group in twins),
-        tuple((effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
+        tuple((effect, rms_um(mm)) for effect, mm in zip(area.uncorrected, area.left_out_mm.T, strict=True)),
         before_um,
         after_um,
         rms_um(doubt_mm),

@@ -12,11 +12,12 @@ from analysis.apps.correct.controller_entries import ControllerEntries, as_enter
 from analysis.apps.correct.corrected_constants import Correction, joint_zeros, link_constants
 from analysis.apps.correct.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.apps.correct.stated_points import computed_points
+from analysis.apps.correct.work_area import WorkArea
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.reading import programs_at
 from analysis.apps.programs.target_path import TargetPath, read_path, refuse_corrected_path
 from analysis.correction.corrected_targets import CorrectedTargets, WorkError, corrected
-from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
+from analysis.correction.pose_uncertainty import covered
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import Support, supports, supports_of_usual_size
 from analysis.correction.table_postures import (
@@ -27,12 +28,8 @@ from analysis.correction.table_postures import (
     find_postures,
 )
 from analysis.correction.work import (
-    left_out_mm,
-    rest_effects,
     rest_mm,
     tool_places,
-    used_effects,
-    work_or_spread,
 )
 from analysis.robot.kinematics.arm import controller_arm, forward
 from analysis.robot.predict import model_of
@@ -143,11 +140,12 @@ def correct_rig(
         problem = "the constants of the controller are unknown, so no values for it were computed"
         raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.invalid")
     supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
+    area = WorkArea(rig, supported)
     entries, zeros, constants = None, list[Correction](), list[Correction]()
     if (points.are_computed or not programs.paths) and rig.controller != "unknown":
         zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
         if controller and not programs.paths:
-            entries = controller_entries(rig, supported, controller, scale)
+            entries = controller_entries(area, controller, scale)
     postures, targets = None, None
     if path:
         read = _read(rig, path)
@@ -171,18 +169,15 @@ def correct_rig(
         remedy = f"give a program of this robot, or --for {other.maker} if such a controller is used"
         problem = f"is a program for {of}, but {whose} {robot}"
         raise FileError(str(other.path), problem, remedy, code="robot.other")
-    work, numbers = _work(rig, supported), (tuple(zeros), tuple(constants))
+    work, numbers = _work(area), (tuple(zeros), tuple(constants))
     return Corrections(rig, tuple(supported), *numbers, work, targets, entries, entered, done, of_model, postures)
 
 
-def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
-    uncertainty = pose_uncertainty(rig, supported)
-    q = work_or_spread(rig, uncertainty.joints_rad)
-    stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
-    is_at, nominal = tool_places(rig, used_effects(rig, supported), q), forward(controller_arm(rig.robot), q)
+def _work(area: WorkArea) -> WorkError:
+    stays_mm = np.linalg.norm(area.left_out_mm, axis=1)
+    is_at, nominal = tool_places(area.rig, area.used, area.q), forward(controller_arm(area.rig.robot), area.q)
     off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
-    sizes_mm = [off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm]
-    return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
+    return WorkError.of(np.array([off_mm, taught_mm, *area.u_mm, stays_mm]), covered(area.uncertainty, area.q))
 
 
 def _read(rig: Rig, path: Path) -> TargetPath:

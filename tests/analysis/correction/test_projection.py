@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.apps.correct.controller_entries import ControllerEntries, controller_entries
 from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.correct.work_area import WorkArea
 from analysis.apps.programs.target_path import compensated_plans
 from analysis.cli import app
 from analysis.correction.corrected_targets import corrected
@@ -125,7 +126,7 @@ def _as_taught_mm(real: Array, wanted: Array, turns: Array) -> Array:
 )
 def test_residual_of_entries_agrees_with_independent_kinematics(name, maker):
     rig, wrong = _faulty(name)
-    at, q = controller_entries(rig, supports(rig), maker), work_angles(rig)
+    at, q = controller_entries(WorkArea(rig, supports(rig)), maker), work_angles(rig)
     real = _tool_mm(rig, wrong, q)
     turns = flange(constants_of(rig.name), WRONG, q)[0]
     before = _as_taught_mm(real, _tool_mm(rig, WRONG, q), turns)
@@ -152,7 +153,7 @@ def test_targets_contain_the_error_that_entries_leave_for_any_path(tmp_path, nam
     posture = targets.q - np.radians(shifted)
     np.testing.assert_allclose(_tool_mm(rig, change, posture), targets.T[:, :3, 3], atol=1e-4)
     np.testing.assert_allclose(_tool_mm(rig, wrong, posture), _tool_mm(rig, WRONG, q), atol=1e-4)
-    again = controller_entries(rig, supports(rig), maker)
+    again = controller_entries(WorkArea(rig, supports(rig)), maker)
     assert again.entries == found.at_controller.entries  # one rig file has one set of entries
 
 

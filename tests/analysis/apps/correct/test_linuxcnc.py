@@ -10,6 +10,7 @@ import pytest
 from analysis.apps.correct.controller_entries import Constant, ControllerChange, controller_entries, project
 from analysis.apps.correct.correction_report import entries_table
 from analysis.apps.correct.stated_frames import Frames
+from analysis.apps.correct.work_area import WorkArea
 from analysis.apps.makers.linuxcnc.values import value_files
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
@@ -172,7 +173,7 @@ def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(tmp_path
         LinkGeometry(axis=3, field="a", delta=1.5, found=found(delta=0.01)),
     )
     rig = rig_at(tmp_path, unit, effects)
-    entries = controller_entries(rig, supports(rig), "linuxcnc")
+    entries = controller_entries(WorkArea(rig, supports(rig)), "linuxcnc")
     files = value_files(rig, {(entry.axis, entry.key): entry.add for entry in entries.entries})
     pins = dict(re.findall(r"^setp genserkins\.(\S+) (\S+)", files["rig-arm.hal"], re.M))
     assert len(pins) == 18

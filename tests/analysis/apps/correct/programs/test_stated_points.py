@@ -10,6 +10,7 @@ from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.correct.entered_values import values_in
 from analysis.apps.correct.point_question import hints_in
 from analysis.apps.correct.stated_points import points_of
+from analysis.apps.correct.work_area import WorkArea
 from analysis.cli import dialogue
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.point_origins import ChangedArm, ConvertedPoints
@@ -173,7 +174,7 @@ def test_written_values_are_read_as_they_were_computed(maker, tmp_path):
     q = np.radians([[10.0, -70, 90, 20, 60, 30], [20, -80, 80, -30, 70, 10]])
     supported = supports(rig)
     targets = corrected(rig, supported, q)
-    entered = as_entered(rig, targets, controller_entries(rig, supported, maker))
+    entered = as_entered(rig, targets, controller_entries(WorkArea(rig, supported), maker))
     origin = ConvertedPoints(rig, change)
     new = origin.renew(targets.q, targets.T)
     done = targets.done
