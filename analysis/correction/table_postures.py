@@ -80,7 +80,7 @@ def stated_posture(rig: Rig, near: str | None, start: str | None) -> StatedPostu
     Raises UseError for two options, and for a text that is not a posture of the arm; FileError for the rig file.
     """
     if near is not None and start is not None:
-        problem = "both state the posture of a table"
+        problem = "both state the posture"
         raise UseError("--near, --start-joints", problem, "give one of them", code="usage")
     if near is None and start is None:
         if rig.robot.posture_deg is None:
@@ -127,7 +127,7 @@ def find_postures(rig: Rig, poses: Array, stated: StatedPosture | None = None) -
     skipped, several = list[NotCorrected](), dict[int, Array]()
     is_configuration = stated is not None and stated.source != "--start-joints"
     near = _posture_of_tests(rig, arm) if stated is None else stated.q
-    configuration = _configuration(arm, near) if is_configuration else NO_BRANCH
+    configuration = configuration_of(arm, near) if is_configuration else NO_BRANCH
     stands = None if stated is None else near
     for k, solutions in enumerate(solutions_within_limits(arm, poses)):
         if isinstance(solutions, str):
@@ -148,7 +148,7 @@ def find_postures(rig: Rig, poses: Array, stated: StatedPosture | None = None) -
     return TablePostures(q, tuple(skipped), stated, several)
 
 
-def _configuration(arm: Arm, q: Array) -> int:
+def configuration_of(arm: Arm, q: Array) -> int:
     """Configuration of a posture q (6,) rad; `NO_BRANCH` if the arm has no closed form."""
     return int(branch_of(arm, forward(arm, q[None]), q[None])[0])
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json, say_written
 from analysis.cli.options import AsJson, Calibration, rig_option
-from rigs.text import as_argument, counted
+from rigs.text import as_argument, counted, first_of
 
 if TYPE_CHECKING:
     from analysis.apps.certify.certificate import Certified
@@ -59,9 +60,16 @@ def certify(
         str | None,
         typer.Option(
             metavar="DEGREES",
-            help="Joint angles q1,…,q6 at one target of a table of poses, as for rig correct; "
-            "default: robot.posture_deg of the rig file.",
+            help="Joint angles q1,…,q6 at one of the targets, as for rig correct; default: unknown, for a table of "
+            "poses robot.posture_deg of the rig file.",
         ),
+    ] = None,
+    neutral: Annotated[
+        list[str] | None, typer.Option("--neutral", metavar="NAMES", help="As for rig correct; default: none.")
+    ] = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(metavar="NUMBERS", help="Counts per degree of each axis, as for rig correct; default: none."),
     ] = None,
     load_kg: Annotated[
         float | None, typer.Option("--load", min=0.0, max=1e4, help="Payload in kg; default: that of the rig file.")
@@ -96,6 +104,7 @@ def certify(
     from analysis.apps.certify.certificate_report import write_page
     from analysis.apps.certify.features import features_of
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
+    from analysis.apps.correct.controller_entries import scale_of
     from analysis.apps.correct.stated_frames import frames_of
     from analysis.apps.report.html_page import check_page_file
     from analysis.cli.console import progress_of
@@ -106,8 +115,10 @@ def certify(
         check_page_file(output)
     rig, _ = load(with_controller(rig_file, calibration))
     with named_by(rig_file, rig), progress_of("judging the features"):
-        of_user = frames_of(rig.robot, tools or (), frames or ())
-        listed = targets_of(program, rig, of_user, near=near, start=start, load_kg=load_kg)
+        of_user = frames_of(rig.robot, tools or (), frames or (), neutral or ())
+        listed = targets_of(
+            program, rig, of_user, near=near, start=start, load_kg=load_kg, scale=scale_of(scale) if scale else None
+        )
         places = programmed_places(listed)
         features, errors = features_of(tolerances or (), table, listed.names, listed.lines, places)
         listed, features, not_driven = with_lines(rig, listed, features)
@@ -118,10 +129,18 @@ def certify(
     if output:
         write_page(judged, listed, output, program.name, rig.name)
         say_written([output])
-    _say_next(rig, rig_file, program, listed, judged)
+    given = {"--tool": tools, "--frame": frames, "--neutral": neutral, "--scale": scale, "--start-joints": start,
+             "--near": near}  # fmt: skip
+    _say_next(rig, rig_file, program, _as_options(given), listed, judged)
     for error in errors:
         say_error(error)
     end_with(worst_code(errors) or int(any(one.now.verdict != "accept" for one in judged)))
+
+
+def _as_options(given: Mapping[str, Sequence[str] | str | None]) -> str:
+    """Options as on the command line, each after a space."""
+    values = {option: [value] if isinstance(value, str) else value or () for option, value in given.items()}
+    return "".join(f" {option} {shlex.quote(value)}" for option, each in values.items() for value in each)
 
 
 def _drifts(runs: Path, rig: Rig) -> Sequence[Drift]:
@@ -146,6 +165,7 @@ def _show(
         say_json({
             "program": str(program), "rig": rig.name, "is_corrected": listed.is_corrected, **counts,
             "posture": listed.postures and listed.postures.to_dict(),
+            "posture_by_near": [listed.lines[row] for row in listed.by_near],
             "features": [one.to_dict() for one in judged], "not_understood": notes,
             "errors": [error.to_dict() for error in errors],
         })  # fmt: skip
@@ -154,28 +174,26 @@ def _show(
     if listed.postures and (stated := listed.postures.stated):
         source = "posture_deg in the rig file" if stated.source == "rig_file" else stated.source
         say(f"{program}: targets in the posture {stated.words} ({source})", err=True, mark="note: ")
+    if listed.by_near:
+        lines = first_of(sorted({listed.lines[row] for row in listed.by_near}), _MOST_NOTES)
+        say(f"{program}: only --near states the posture of the targets in lines {lines}", err=True, mark="note: ")
     for note in notes[:_MOST_NOTES]:
         say(f"{program}: {note}", err=True, mark="note: ")
 
 
-def _posture_option(listed: Listed) -> str:
-    stated = listed.postures.stated if listed.postures else None
-    if stated is None or stated.source == "rig_file":
-        return ""
-    return f" {stated.source} {','.join(f'{angle:z.6g}' for angle in stated.degrees)}"
-
-
-def _say_next(rig: Rig, rig_file: str, program: Path, listed: Listed, judged: Sequence[Certified]) -> None:
+def _say_next(rig: Rig, rig_file: str, program: Path, given: str, listed: Listed, judged: Sequence[Certified]) -> None:
+    """Print the next calls. given: the options of this call that rig correct takes as well."""
     from analysis.apps.makers import maker_of_file
     from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER
 
     if gains := sum(one.corrected.verdict == "accept" and one.now.verdict != "accept" for one in judged):
         is_program = program.is_dir() or maker_of_file(program)
-        given = f"--path {as_argument(program)}{_posture_option(listed)}"
-        given = f"--program {as_argument(program)} --points computed" if is_program else given
-        line = f"rig correct {as_argument(rig_file)} {given} -o corrected"
+        targets = (
+            f"--program {as_argument(program)} --points computed" if is_program else f"--path {as_argument(program)}"
+        )
+        line = f"rig correct {as_argument(rig_file)} {targets}{given} -o corrected"
         say(f"next: {line}  # then {counted(gains, 'more feature')} within tolerance", err=True)
-    if listed.postures and listed.postures.several:
+    if listed.is_open or (listed.postures and listed.postures.several):
         say("next: add --near q1,…,q6  # joint angles at one of the targets, which state the posture", err=True)
     undecided = [(one, one.next) for one in judged if one.next and one.corrected.verdict == "undecided"]
     for one, proposed in undecided[:1]:

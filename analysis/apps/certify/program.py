@@ -10,8 +10,9 @@ import numpy as np
 
 from analysis.apps.certify.features import Feature
 from analysis.apps.certify.target_errors import Work
+from analysis.apps.correct.postures import UNSTATED, ProgramPostures
 from analysis.apps.correct.solved_program import solve_program
-from analysis.apps.correct.stated_frames import Frames, start_of
+from analysis.apps.correct.stated_frames import Frames, postures_of
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.reading import is_marked
 from analysis.apps.makers.tool_paths import straight_path
@@ -47,21 +48,29 @@ class Listed:
     is_corrected: bool = False
     postures: TablePostures | None = None
     """Postures of a table of poses. `several` has only the targets whose corrections differ."""
+    by_near: tuple[int, ...] = ()
+    """Rows of the targets of a program at which only the user states the posture."""
+    is_open: bool = False
+    """True if a statement of the posture would add targets of a program."""
 
 
 def targets_of(
-    path: Path, rig: Rig, frames: Frames, *, near: str | None, start: str | None, load_kg: float | None
+    path: Path,
+    rig: Rig,
+    frames: Frames,
+    *,
+    near: str | None,
+    start: str | None,
+    load_kg: float | None,
+    scale: Sequence[float] | None = None,
 ) -> Listed:
     """Read the targets to certify, from a robot program or a CSV table.
 
-    near, start: posture of a table of poses or of the start of a program, as on the command line. load_kg: payload,
+    near, start: statements about the posture, as on the command line. load_kg: payload,
     None for that of the rig.
     """
     if path.is_dir() or maker_of_file(path):
-        if near is not None:
-            problem, remedy = "concerns a table of poses; a program selects its postures", "remove the option"
-            raise UseError("--near", problem, remedy)
-        listed = _of_program(path, rig, frames, start_of(start))
+        listed = _of_program(path, rig, frames, scale, postures_of(rig, near, start))
     else:
         listed = _of_table(path, rig, near, start)
     work = listed.work
@@ -98,11 +107,13 @@ def _of_table(path: Path, rig: Rig, near: str | None, start: str | None) -> List
     return Listed(tuple(names), read.lines, work, unknown, is_corrected=is_corrected, postures=postures)
 
 
-def _of_program(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | None) -> Listed:
+def _of_program(
+    path: Path, rig: Rig, frames: Frames, scale: Sequence[float] | None, postures: ProgramPostures
+) -> Listed:
     if not rig.takes_programs:
         problem = "programs are read only for arms of six axes without a rail"
         raise FileError(str(path), problem, "give a table of joint angles", code="arm.invalid")
-    solved = solve_program(rig, path, frames, start=start)
+    solved = solve_program(rig, path, frames, scale, postures)
     targets, q, parsed = solved.parsed.targets, solved.q, solved.parsed
     own = [k for k, target in enumerate(targets) if target.of is None and target.file < solved.texts.own]
     row_of = {k: row for row, k in enumerate(own)}
@@ -125,7 +136,9 @@ def _of_program(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] |
     )  # fmt: skip
     names = (*(targets[k].name for k in own), *(target.name for target in left))
     numbers = (*(targets[k].line for k in own), *(target.line for target in left))
-    return Listed(names, numbers, work, unknown, frozenset(straight), is_marked(path))
+    by_near = tuple(row_of[k] for k in sorted(solved.by_user) if k in row_of)
+    is_open = postures == UNSTATED and "no_posture" in solved.reasons.values()
+    return Listed(names, numbers, work, unknown, frozenset(straight), is_marked(path), by_near=by_near, is_open=is_open)
 
 
 def with_lines(rig: Rig, listed: Listed, features: Sequence[Feature]) -> tuple[Listed, list[Feature], list[UseError]]:

@@ -105,8 +105,9 @@ _Near = Annotated[
     str | None,
     typer.Option(
         metavar="DEGREES",
-        help="Joint angles q1,…,q6 at one of the poses of --path, which are all reached in this posture; "
-        "default: robot.posture_deg of the rig file.",
+        help="Joint angles q1,…,q6 at one of the poses of --path, or of those of --program whose posture the program "
+        "does not determine; all of them are reached in this posture; default: unknown, for --path robot.posture_deg "
+        "of the rig file.",
     ),
 ]
 _Points = Annotated[
@@ -166,7 +167,8 @@ def correct(
     from analysis.apps.correct.controller_entries import scale_of
     from analysis.apps.correct.correct_rig import correct_rig
     from analysis.apps.correct.corrected_program import Programs
-    from analysis.apps.correct.stated_frames import frames_of, start_of
+    from analysis.apps.correct.postures import UNSTATED
+    from analysis.apps.correct.stated_frames import frames_of, postures_of
     from analysis.apps.correct.stated_points import points_of
     from analysis.cli.console import progress_of
     from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
@@ -192,8 +194,8 @@ def correct(
     controller = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())
-        started = start_of(start) if programs else None
-        asked = Programs(programs or (), stated, whole, started, anyway, origins)
+        postures = postures_of(rig, near, start) if programs else UNSTATED
+        asked = Programs(programs or (), stated, whole, postures, anyway, origins)
         posture = stated_posture(rig, near, start) if path else None
         corrections = correct_rig(
             rig, path, controller, scale_of(scale), entered=entered, programs=asked, posture=posture
@@ -219,11 +221,10 @@ def _check_options(
     for option, given in of_programs.items():
         if given and not has_programs:
             raise UseError(option, "concerns programs only", "give --program as well")
-    if near and not has_path:
-        raise UseError("--near", "concerns a table of poses", "give --path as well")
-    if start and not (has_programs or has_path):
-        problem, remedy = "concerns programs and tables of poses", "give --program or --path as well"
-        raise UseError("--start-joints", problem, remedy)
+    for option, given in {"--near": near, "--start-joints": start}.items():
+        if given and not (has_programs or has_path):
+            problem, remedy = "concerns programs and tables of poses", "give --program or --path as well"
+            raise UseError(option, problem, remedy)
 
 
 def _asked_points(programs: Sequence[Path], since: Path | None) -> tuple[PointKind, Path | None]:

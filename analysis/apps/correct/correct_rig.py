@@ -149,7 +149,7 @@ def correct_rig(
     postures, targets = None, None
     if path:
         read = _read(rig, path)
-        if read.joints and posture and posture.source != "rig_file" and not programs.start:
+        if read.joints and posture and posture.source != "rig_file" and not programs.paths:
             problem, remedy = f"{path.name} has joint angles, which determine the posture", "remove the option"
             raise UseError(posture.source, problem, remedy)
         postures = None if read.joints else find_postures(rig, read.poses(), posture)
@@ -160,7 +160,8 @@ def correct_rig(
     for unread in () if programs.again else paths:
         points.refuse_repeated(unread)
     done = tuple(
-        correct_program(points, program, given.frames, scale, whole=given.whole, start=given.start) for program in paths
+        correct_program(points, program, given.frames, scale, whole=given.whole, postures=given.postures)
+        for program in paths
     )
     points.refuse_unmatched([point for program in done for point in program.points])
     if maker and (other := next((program for program in done if program.maker != maker), None)):

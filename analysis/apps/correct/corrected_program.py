@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.correct.postures import agreeing
+from analysis.apps.correct.postures import UNSTATED, ProgramPostures, agreeing
 from analysis.apps.correct.shared_corrections import SharedCorrection, SharedCorrections, shared_corrections
 from analysis.apps.correct.solved_program import SolvedProgram, solve_program
 from analysis.apps.correct.stated_frames import NO_FRAMES, Frames
@@ -53,8 +53,7 @@ class Programs:
     frames: Frames = NO_FRAMES
     whole: bool = False
     """Write only programs with all targets corrected."""
-    start: tuple[float, ...] | None = None
-    """Joint angles (6,) rad of the arm when the programs start."""
+    postures: ProgramPostures = UNSTATED
     again: bool = False
     """Also correct programs that rig has already corrected."""
     points: StatedPoints | None = None
@@ -122,6 +121,10 @@ class CorrectedProgram:
     """True if the program is not written, because it is corrected only in part."""
     start: tuple[float, ...] | None = None
     """Joint angles (6,) rad at the start as stated by the user, if the posture of a target may depend on them."""
+    near: tuple[float, ...] | None = None
+    """Joint angles (6,) rad as stated by the user for targets without a posture in the program, if they are used."""
+    by_user: tuple[tuple[int, int], ...] = ()
+    """File and line of each corrected target at which only `near` states the posture."""
     neutral: tuple[str, ...] = ()
     """Routines that change nothing, as stated by the user."""
     missing: tuple[str, ...] = ()
@@ -159,13 +162,13 @@ def correct_program(
     scale: Sequence[float] | None = None,
     *,
     whole: bool = False,
-    start: tuple[float, ...] | None = None,
+    postures: ProgramPostures = UNSTATED,
 ) -> CorrectedProgram:
     """Write new numbers for all points of a program for which they are certain.
 
     whole: hold the program if any target of a move stays uncorrected. Raises FileError for an invalid program.
     """
-    program = solve_program(points.then, path, frames, scale, start, points.is_taught)
+    program = solve_program(points.then, path, frames, scale, postures, points.is_taught)
     texts, parsed, targets = program.texts, program.parsed, program.targets
     done = _new_points(program, points)
     moved_mm = _moved_mm(program, done)
@@ -204,7 +207,9 @@ def correct_program(
         notices=(*parsed.notices, *_offline(program, kept), *_unread(texts)),
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
-        start=start if _needs_start(parsed) else None,
+        start=postures.start if _needs_start(parsed) else None,
+        near=postures.near if program.by_user else None,
+        by_user=tuple((targets[k].file, targets[k].line) for k in kept if k in program.by_user),
         neutral=texts.neutral,
         missing=parsed.missing,
         points=(*(_called(texts, targets[k]) for k in own), *(_called(texts, one) for one in parsed.left)),

@@ -1,8 +1,8 @@
 """The joint angles that a controller computes at the targets of a program.
 
 A target with an uncertain posture is not corrected. The posture is determined, in this order, by joint angles in the
-program near the pose, by posture flags that only a single solution matches, or by the moves from all previous targets,
-along which the arm keeps the posture.
+program near the pose, by posture flags that only a single solution matches, by the moves from all previous targets,
+along which the arm keeps the posture, or by the user, who states one posture for all targets that are left.
 """
 
 from __future__ import annotations
@@ -16,7 +16,12 @@ import numpy as np
 from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Target, TargetMove, Way
 from analysis.apps.makers.tool_paths import circular_path, rotations, straight_path
 from analysis.correction.reasons import Reason
-from analysis.correction.table_postures import closest_solution, solutions_within_limits
+from analysis.correction.table_postures import (
+    PoseSolutions,
+    closest_solution,
+    configuration_of,
+    solutions_within_limits,
+)
 from analysis.robot.geometry.circle import circles_through
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
@@ -53,6 +58,22 @@ _FLAT = 1e-4
 """Sine of an angle below which three points of an arc are collinear. Chosen: a radius of several hundred metres."""
 _LONGEST_MM = 1e4
 """Maximum length of a line of an arm: 10 m."""
+_OPEN: tuple[Reason, ...] = ("no_posture", "ambiguous", "past_singularity", "arc_turns")
+"""Reasons of targets whose posture the program does not determine, so that a statement can."""
+
+
+@dataclass(frozen=True)
+class ProgramPostures:
+    """What the user states about the postures in a program."""
+
+    start: tuple[float, ...] | None = None
+    """Joint angles (6,) rad of the arm when the program starts."""
+    near: tuple[float, ...] | None = None
+    """Joint angles (6,) rad in whose configuration the arm reaches each target whose posture the program leaves
+    open."""
+
+
+UNSTATED = ProgramPostures()
 
 
 def solved(
@@ -61,39 +82,41 @@ def solved(
     poses: Array,
     joint_angles: Array,
     steps: Sequence[TargetMove],
-    start: Sequence[float] | None = None,
+    stated: ProgramPostures,
     tips: Array | None = None,
-) -> tuple[Array, dict[int, Reason]]:
-    """Solve the joint angles (n, 6) rad of targets, with the reasons for missing ones.
+) -> tuple[Array, dict[int, Reason], frozenset[int]]:
+    """Solve the joint angles (n, 6) rad of targets, with the reasons for missing ones, and the targets at which only
+    the user states the posture, which moves carry on to others.
 
     poses (n, 4, 4): poses of the arm's tool in the world, NaN for joint targets. joint_angles (n, 6): rad, NaN for
-    poses. start (6,): rad, if known. tips (n, 3): points that the program moves, in mm in the arm's tool.
+    poses. tips (n, 3): points that the program moves, in mm in the arm's tool.
     """
+    start = stated.start
     q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # The last row has index AT_BEGIN.
     poses = poses.copy()
     asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
     lines = {step.target for step in steps if step.way == "line" and targets[step.target].joints}
     by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # A line to joint angles ends at their pose.
     poses[by_line] = forward(arm, q[by_line])
-    branches: dict[int, Array | Reason] = {
-        k: of if isinstance(of, str) else of.q
-        for k, of in zip([*asked, *by_line], solutions_within_limits(arm, poses[[*asked, *by_line]]), strict=True)
-    }
+    branches: dict[int, PoseSolutions | Reason] = dict(
+        zip([*asked, *by_line], solutions_within_limits(arm, poses[[*asked, *by_line]]), strict=True)
+    )
     postures = _Postures(arm, targets, poses, branches, q, np.zeros((len(targets), 3)) if tips is None else tips)
     for k in asked:
         solutions, target = branches[k], targets[k]
         if isinstance(solutions, str):
             postures.take(k, solutions)
         elif target.near is not None:
-            postures.take(k, _nearest(solutions, np.array(target.near)))
+            postures.take(k, _nearest(solutions.q, np.array(target.near)))
         elif target.flags:
-            chosen = solutions[agreeing(arm, solutions, target.flags)]
+            chosen = solutions.q[agreeing(arm, solutions.q, target.flags)]
             postures.take(k, chosen[0] if len(chosen) == 1 else "ambiguous" if len(chosen) else "other_flags")
     postures.derive(steps)
     for k in asked:
         if k not in postures.reasons and not postures.is_solved(k):
             postures.take(k, "no_posture")
-    return q[:AT_BEGIN], postures.reasons
+    by_user = frozenset[int]() if stated.near is None else postures.state(steps, np.array(stated.near))
+    return q[:AT_BEGIN], postures.reasons, by_user
 
 
 def _nearest(solutions: Array, near: Array) -> Array | Reason:
@@ -104,6 +127,12 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
         return "ambiguous"
     nearest: Array = solutions[away.argmin()]
     return nearest
+
+
+def _closest_turn(turns: Array, stands: Array) -> Array:
+    """Of solutions (n, 6) rad that differ by full turns, the one (6,) rad closest to angles (6,) rad."""
+    closest: Array = turns[np.abs(turns - stands).max(axis=1).argmin()]
+    return closest
 
 
 def _closest(solutions: Array, stands: Array) -> Array | Reason:
@@ -118,7 +147,7 @@ class _Postures:
     arm: Arm
     targets: Sequence[Target]
     poses: Array
-    branches: dict[int, Array | Reason]
+    branches: dict[int, PoseSolutions | Reason]
     q: Array
     tips: Array
     reasons: dict[int, Reason] = field(default_factory=dict)
@@ -142,7 +171,7 @@ class _Postures:
         if key not in self.arrivals:
             solutions = self.branches[k]
             assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
-            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, way)
+            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions.q, way)
         return self.arrivals[key]
 
     def derive(self, steps: Sequence[TargetMove]) -> None:
@@ -197,6 +226,71 @@ class _Postures:
             if np.abs(np.sin((arrived - self.q[k]) / 2) if not by_way else arrived - self.q[k]).max() > SAME_RAD:
                 return "two_postures"
         return None
+
+    def state(self, steps: Sequence[TargetMove], near: Array) -> frozenset[int]:
+        """Reach the targets whose posture the program leaves open in the configuration of angles near (6,) rad.
+
+        Every move that determines a posture must agree. Otherwise the statement is wrong for this program, and none of
+        its targets takes a posture from it. Returns the targets at which no move determines the posture.
+        """
+        configuration = configuration_of(self.arm, near)
+        choices = {k: self._in_configuration(k, configuration) for k, why in self.reasons.items() if why in _OPEN}
+        wrong = {k for k, of in choices.items() if of is not None and not len(of)}
+        waiting = {k: of for k, of in choices.items() if of is not None and len(of)}
+        stated, before = frozenset(waiting), (dict(self.reasons), self.q.copy())
+        for k in stated:
+            del self.reasons[k]
+            self.q[k] = np.nan
+        moves = [step for step in steps if step.target in stated]
+        while waiting:  # A move ends in the turn closest to that of its start.
+            count = len(waiting)
+            for step in moves:
+                if step.target in waiting and (sources := list(filter(self.is_known, step.comes_from))):
+                    self.q[step.target] = _closest_turn(waiting.pop(step.target), self.q[min(sources)])
+            if len(waiting) == count:
+                k = next(iter(waiting))
+                self.q[k] = _closest_turn(waiting.pop(k), near)
+        by_user = stated - {step.target for step in steps}
+        for step in steps:
+            if step.target in self.reasons:
+                continue
+            why = self._contradicts(step, stated)
+            if (why == "ambiguous" and step.way != "line") or why in ("no_posture", "past_singularity"):
+                by_user |= {step.target}
+                why = None
+            if why := why or self._turned(step.arc):
+                wrong |= {step.target} if why == "other_posture" else set()
+                self.reasons[step.target] = why
+        if wrong:
+            self.reasons = before[0] | dict.fromkeys(wrong, "other_posture")
+            self.q[:] = before[1]
+            return frozenset()
+        return by_user - self.reasons.keys()
+
+    def _in_configuration(self, k: int, configuration: int) -> Array | None:
+        """Solutions (n, 6) rad of target k in a configuration, which differ by full turns; None if it selects none."""
+        solutions, flags = self.branches.get(k), self.targets[k].flags
+        if solutions is None or isinstance(solutions, str) or self.targets[k].joints:
+            return None
+        allowed = solutions.in_configuration(self.arm, self.poses[k], configuration)
+        if len(np.unique(allowed.branch)) > 1:
+            return None
+        return allowed.q[agreeing(self.arm, allowed.q, flags)] if flags else allowed.q
+
+    def _contradicts(self, step: TargetMove, stated: frozenset[int]) -> Reason | None:
+        """Reason if a move ends in another posture than the stated one, or does not determine the posture."""
+        k, open_ = step.target, None
+        if isinstance(self.branches.get(k, "unreachable"), str) or not self.is_solved(k):
+            return None
+        for source in step.comes_from:
+            if k not in stated and (source not in stated or step.way != "line"):
+                continue
+            arrived = self.reached(source, k, step.way) if self.is_known(source) else "no_posture"
+            if isinstance(arrived, str):
+                open_ = arrived
+            elif np.abs(np.sin((arrived - self.q[k]) / 2)).max() > SAME_RAD:
+                return "other_posture"
+        return open_
 
     def _turned(self, arc: Arc | None) -> Reason | None:
         """Reason if an arc that rotates the tool with the tangent does not produce the written orientations."""

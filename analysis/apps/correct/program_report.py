@@ -28,9 +28,15 @@ _KEPT = 10_000
 """Uncorrected targets in corrections.yaml and in JSON. Robot programs are smaller."""
 _SHOWN_UM = 1.0
 """Rounding in µm below which nothing is reported: no supported gauge resolves it."""
+_HOW_TO_STATE = (
+    " (if the arm reaches all targets in one posture, state it: --near with the joint angles at one of them, as the "
+    "pendant shows them)"
+)
 _MORE: dict[Reason, str] = {
     "too_large": f" (more than a zero wrong by {MOST_ZERO_DEG:g}° causes at full reach, 1°, or 10° of a joint)",
     "not_understood": " (add the files of called routines, or name them with --neutral)",
+    "no_posture": _HOW_TO_STATE,
+    "ambiguous": _HOW_TO_STATE,
 }
 """Limits and remedies after the reason for uncorrected targets."""
 
@@ -69,6 +75,10 @@ def _remarks(program: CorrectedProgram) -> Iterator[str]:
     if program.start:
         angles = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         yield ENGLISH("program_start", angles=angles)
+    if program.near and program.by_user:
+        angles = ", ".join(f"{angle:z.4g}°" for angle in np.degrees(program.near))
+        places = first_of([_place(program, *place) for place in sorted(set(program.by_user))], _LISTED, ", ")
+        yield ENGLISH("program_near", places=places, angles=angles)
     if program.judged:
         accuracy = reached(program.u_frame_mm, program.u_mm)
         yield ENGLISH("program_moved", largest=f"{moved.max():.3f}", rms=f"{rms(moved):.3f}", accuracy=accuracy)
@@ -173,6 +183,8 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "neutral_routines": program.neutral,
         "missing_routines": program.missing,
         "start_joints_deg": np.degrees(program.start).round(6) if program.start else None,
+        "near_deg": np.degrees(program.near).round(6) if program.near else None,
+        "posture_by_near": [{"file": program.sources[file], "line": line} for file, line in program.by_user[:_KEPT]],
         "beside_left": {"steps": len(beside), "mean_mm": beside.mean() if len(beside) else None},
         "overruled": [at(one, "name", "kind") for one in program.overruled[:_KEPT]],
         "moved_mm": {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.correct.postures import solved
+from analysis.apps.correct.postures import UNSTATED, ProgramPostures, solved
 from analysis.apps.correct.stated_frames import NO_FRAMES, Frames
 from analysis.apps.makers import Maker
 from analysis.apps.makers.numbers import frame_of, is_frame, joints_of
@@ -73,6 +73,8 @@ class SolvedProgram:
     """Of targets that stay uncorrected."""
     taught: Mask
     """Mask (n,) of points that were taught; the numbers of the others were computed."""
+    by_user: frozenset[int] = frozenset()
+    """Targets at which only the user states the posture."""
 
     @property
     def kinds(self) -> tuple[tuple[PointKind, Mask], ...]:
@@ -93,12 +95,12 @@ def solve_program(
     path: Path,
     frames: Frames = NO_FRAMES,
     scale: Sequence[float] | None = None,
-    start: tuple[float, ...] | None = None,
+    stated: ProgramPostures = UNSTATED,
     is_taught: Callable[[str, int, str], bool] = lambda file, line, name: False,
 ) -> SolvedProgram:
     """Read a program, and determine the postures of its targets.
 
-    start (6,): joint angles in rad at the start. is_taught: True for a point (file, line, name) that was taught.
+    is_taught: True for a point (file, line, name) that was taught.
     Raises FileError for an invalid program, and UseError for an unreachable start.
     """
     maker, texts = read_program(path, frames.neutral)
@@ -112,7 +114,7 @@ def solve_program(
     targets = parsed.targets
     located = [_located(arm, maker, frames, target) for target in targets]
     tips = np.array([np.linalg.inv(place.inner)[:3, 3] for place in located]).reshape(-1, 3)
-    q, reasons = _joints_at(arm, parsed, located, scale, start, tips)
+    q, reasons, by_user = _joints_at(arm, parsed, located, scale, stated, tips)
     points = [target if target.of is None else targets[target.of] for target in targets]
     taught = np.array([is_taught(texts.names[point.file], point.line, point.name) for point in points], dtype=bool)
     poses = [k for k, target in enumerate(targets) if not target.joints and reasons.get(k) not in _OF_TEXT]
@@ -129,7 +131,9 @@ def solve_program(
         for step in parsed.steps
         if step.arc and step.arc.tangent and offline & step.arc.starts and step.target not in reasons
     }
-    return SolvedProgram(maker, texts, parsed, arm, scale, located, tips, q, nominal, wanted, offline, reasons, taught)
+    return SolvedProgram(
+        maker, texts, parsed, arm, scale, located, tips, q, nominal, wanted, offline, reasons, taught, by_user
+    )
 
 
 def _offline_arm(robot: Robot) -> Arm:
@@ -162,10 +166,11 @@ def _joints_at(
     parsed: Parsed,
     located: Sequence[Located],
     scale: Sequence[float] | None,
-    start: tuple[float, ...] | None,
+    stated: ProgramPostures,
     tips: Array,
-) -> tuple[Array, dict[int, Reason]]:
-    """Joint angles (n, 6) rad of the controller at the targets, and the reasons for missing ones."""
+) -> tuple[Array, dict[int, Reason], frozenset[int]]:
+    """Joint angles (n, 6) rad of the controller at the targets, the reasons for missing ones, and the targets at which
+    only the user states the posture."""
     targets, reasons = parsed.targets, dict[int, Reason]()
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
@@ -177,12 +182,12 @@ def _joints_at(
         else:
             poses[k] = located[k].in_world(place)
     low, high = arm.limits.T
-    if start is not None and ((start < low) | (start > high)).any():
+    if stated.start is not None and ((stated.start < low) | (stated.start > high)).any():
         problem = "is beyond the limits of the arm's joints"
         raise UseError("--start-joints", problem, "give angles within the limits", code="usage")
-    q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
+    q, unsolved, by_user = solved(arm, targets, poses, angles, parsed.steps, stated, tips)
     beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
-    return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
+    return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}, by_user
 
 
 def _stated_target(target: Target, located: Located, scale: Sequence[float] | None) -> Array | Reason:

@@ -1,4 +1,4 @@
-"""Statements of the user on the controller: tools, frames, neutral routines, and the joint angles at the start."""
+"""Statements of the user on the controller: tools, frames, neutral routines, and postures."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from analysis.apps.correct.postures import UNSTATED, ProgramPostures
 from analysis.apps.makers.target import NEUTRAL
+from analysis.correction.table_postures import stated_posture
 from analysis.robot.kinematics.arm import Array, transform
 from rigs.errors import UseError
+from rigs.rig import Rig
 from rigs.schema.probe import MM_PER_UNIT
 from rigs.schema.robot import LengthUnit, Pose, Robot
 from rigs.text import numbers_in
@@ -100,11 +103,17 @@ def _named(option: str, texts: Sequence[str], of_rig: Array | None) -> dict[str,
     return frames
 
 
-def start_of(text: str | None) -> tuple[float, ...] | None:
-    """Parse joint angles (6,) rad from "deg,deg,…"; None for None. Raises UseError for other text."""
+def postures_of(rig: Rig, near: str | None, start: str | None) -> ProgramPostures:
+    """Parse what the user states about the postures in programs, as on the command line.
+
+    Raises UseError for two statements, and for a text that is not a posture of the arm.
+    """
+    if near is not None:
+        stated = stated_posture(rig, near, start)
+        return UNSTATED if stated is None else ProgramPostures(near=tuple(stated.q.tolist()))
     how = "give the six joint angles in degrees at the start of the program"
-    numbers = () if text is None else _six(f"--start-joints {text}", text, _MOST_TURNED_DEG, how)
-    return tuple(np.radians(numbers).tolist()) or None
+    numbers = () if start is None else _six(f"--start-joints {start}", start, _MOST_TURNED_DEG, how)
+    return ProgramPostures(start=tuple(np.radians(numbers).tolist()) or None)
 
 
 def _six(argument: str, text: str, limit: float, how: str) -> tuple[float, ...]:

@@ -147,6 +147,19 @@ def test_program_judges_understood_targets_and_lists_the_others(tmp_path):
     assert found["errors"][0]["where"] == "--tolerance straightness:3,8=1mm"
 
 
+def test_program_takes_what_rig_correct_takes(tmp_path):
+    straight = PROGRAM.replace("  movej([0, -1.57, 1.57, -1.57, -1.57, 0], a=1, v=0.5)\n", "").partition("  popup")[0]
+    (tmp_path / "job.script").write_text(straight + "end\n")
+    call = "certify job.script --arm ur10e --calibration data_sheet --tolerance position:all=90mm"
+    done = ran(call, cwd=tmp_path)
+    assert "add --near" in done.stderr and "uncertain posture" in done.stderr
+    near = "--near 0,-90,90,-90,-90,0"
+    done = ran(f"{call} {near}", cwd=tmp_path)
+    assert "uncertain posture" not in done.stderr and "only --near states the posture" in done.stderr
+    assert json.loads(ran(f"{call} {near} --json", cwd=tmp_path).stdout)["posture_by_near"] == [4]
+    assert failure_of(f"{call} --neutral ?", cwd=tmp_path) == (2, "usage")
+
+
 LEVEL = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [100, 100, 0]])
 
 

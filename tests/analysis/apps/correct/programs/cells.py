@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
+from analysis.apps.correct.postures import ProgramPostures
 from analysis.apps.correct.stated_frames import frames_of
 from analysis.apps.correct.stated_points import computed_points
 from analysis.apps.makers.configuration import configuration_of, turns
@@ -66,11 +67,13 @@ def corrected(
     scale: Sequence[float] | None = None,
     *,
     start: tuple[float, ...] | None = None,
+    near: tuple[float, ...] | None = None,
     neutral: Sequence[str] = (),
     whole: bool = False,
 ) -> CorrectedProgram:
     wrong, stated = known(rig), frames_of(rig.robot, tools, frames, neutral)
-    return correct_program(computed_points(wrong), path, stated, scale, start=start, whole=whole)
+    postures = ProgramPostures(start, near)
+    return correct_program(computed_points(wrong), path, stated, scale, postures=postures, whole=whole)
 
 
 def uncorrected(found: CorrectedProgram) -> Left:

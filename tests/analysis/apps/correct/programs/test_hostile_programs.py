@@ -154,6 +154,7 @@ def test_command_writes_the_program_and_reports_it(tmp_path, cell):
         ("--frame 1=nan,0,0,0,0,0 --program a.script --points computed", "usage"),
         ("--frame 1=rig --program a.script --points computed", "usage"),
         ("--start-joints 0,0,0,0,0,0", "usage"),
+        ("--near 0,-80,100,-20,80,0", "usage"),
     ],
 )
 def test_options_of_programs_without_a_value_or_a_program_are_refused(words, code, script, cell):
