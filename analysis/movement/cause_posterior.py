@@ -46,18 +46,19 @@ def posterior(
     """
     single = [NOTHING, *shifts, OTHER]
     columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}
-    none = Shift(np.empty((len(row), 0)), np.zeros(len(row)))
-    estimates = {cause: _estimate(predictions, columns[cause], cause.scale, LEVELS) for cause in columns}
-    estimates[NOTHING] = _estimate(predictions, none, np.empty(0), LEVELS[:1])
+    none, scenarios = Shift(np.empty((len(row), 0)), np.zeros(len(row))), _Scenarios.of(predictions)
+    estimates = {cause: _estimate(scenarios, columns[cause], cause.scale, LEVELS) for cause in columns}
+    estimates[NOTHING] = _estimate(scenarios, none, np.empty(0), LEVELS[:1])
     estimates[OTHER] = _estimate_other(predictions)
     outlier_log, wild_row = {}, {}
+    units = _OUTLIER_UNITS * sum(p.weight * p.scatter for p in predictions)
     for cause in [NOTHING, *columns]:
         shift = columns.get(cause, none)
-        outlier_log[cause], wild_row[cause] = _with_outlier(predictions, shift, cause, estimates[cause], row)
+        outlier_log[cause], wild_row[cause] = _with_outlier(scenarios, shift, cause, estimates[cause], row, units)
     probability = _normalised(single, estimates, outlier_log)
     best = max(probability, key=lambda cause: probability[cause])
     if probability[OTHER] > 1 / 21 or not _fits(predictions, columns, estimates, best):
-        estimates |= _joint_estimates(predictions, columns)
+        estimates |= _joint_estimates(scenarios, columns)
         probability = _normalised(list(estimates), estimates, outlier_log)
         best = max(probability, key=lambda cause: probability[cause])
     wild = wild_row.get(best) if outlier_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
@@ -83,36 +84,47 @@ def _normalised(
     return {cause: value / total for cause, value in raw.items()}
 
 
-def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, levels: Array) -> Estimate:
+@dataclass(frozen=True)
+class _Scenarios:
+    """Predictions of s scenarios for the same n readings: log weight and normalisation (s,), inverse Cholesky factors
+    (s, n, n) of the covariances, and excess (s, n), in units of the assumed scatter.
+    """
+
+    log: Array
+    inverse: Array
+    excess: Array
+
+    @classmethod
+    def of(cls, predictions: Sequence[Prediction]) -> _Scenarios:
+        log = [np.log(p.weight) - float(np.log(np.diag(p.chol)).sum()) for p in predictions]
+        inverse = [p.whitened(np.eye(len(p.excess))) for p in predictions]
+        return cls(np.array(log), np.stack(inverse), np.stack([p.excess for p in predictions]))
+
+
+def _estimate(scenarios: _Scenarios, shift: Shift, scale: Array, levels: Array) -> Estimate:
     """Estimate a cause; `levels` (l,) or (l, m) multiply the typical sizes (m,)."""
-    excess = [p.whitened(p.excess + shift.offset) for p in predictions]
+    excess = ((scenarios.excess + shift.offset)[:, None] @ scenarios.inverse.transpose(0, 2, 1))[:, 0]
     # Log of weight times density for no movement in each scenario.
-    logs = [
-        np.log(p.weight) - 0.5 * float(e @ e) - float(np.log(np.diag(p.chol)).sum())
-        for p, e in zip(predictions, excess, strict=True)
-    ]
+    log = scenarios.log - 0.5 * (excess**2).sum(axis=1)
     if not len(scale):
-        return Estimate(float(np.logaddexp.reduce(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
+        return Estimate(float(np.logaddexp.reduce(log)), np.empty(0), np.empty((0, 0)), np.ones(1))
     sizes = scale * (levels[:, None] if levels.ndim == 1 else levels)
-    all_logs, means, covs = [], [], []
-    for p, e, log in zip(predictions, excess, logs, strict=True):
-        white = p.whitened(shift.columns)
-        design = white[None] * sizes[:, None]
-        inner = np.einsum("lnm,lnk->lmk", design, design) + np.eye(len(scale))
-        projected = design.transpose(0, 2, 1) @ e
-        solved = np.linalg.solve(inner, projected[..., None])[..., 0]
-        gain = 0.5 * (projected * solved).sum(axis=1) - 0.5 * np.linalg.slogdet(inner)[1]
-        all_logs.append(log + gain - np.log(len(sizes)))
-        means.append(sizes * solved)
-        covs.append(np.linalg.inv(inner) * sizes[:, :, None] * sizes[:, None])
-    flat = np.concatenate(all_logs)
-    total = float(np.logaddexp.reduce(flat))
-    share = np.exp(flat - total)
-    mean_of, cov_of = np.concatenate(means), np.concatenate(covs)
-    mean = share @ mean_of
-    off = mean_of - mean
-    cov = np.einsum("l,lij->ij", share, cov_of + off[:, :, None] * off[:, None])
-    return Estimate(total, mean, cov, share.reshape(len(predictions), -1).sum(axis=0))
+    white = scenarios.inverse @ shift.columns
+    gram, along = white.transpose(0, 2, 1) @ white, (excess[:, None] @ white)[:, 0]
+    squares = sizes[:, :, None] * sizes[:, None]
+    inner = gram[:, None] * squares + np.eye(len(scale))
+    projected = along[:, None] * sizes
+    inverse = np.linalg.inv(inner)
+    solved = (inverse @ projected[..., None])[..., 0]
+    gain = 0.5 * (projected * solved).sum(axis=2) - 0.5 * np.linalg.slogdet(inner)[1]
+    logs = log[:, None] + gain - np.log(len(sizes))
+    total = float(np.logaddexp.reduce(logs, axis=None))
+    share = np.exp(logs - total)
+    means = sizes * solved
+    mean = np.einsum("sl,slm->m", share, means)
+    off = means - mean
+    cov = np.einsum("sl,slij->ij", share, inverse * squares + off[..., :, None] * off[..., None, :])
+    return Estimate(total, mean, cov, share.sum(axis=0))
 
 
 def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
@@ -127,20 +139,20 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
 
 
 def _with_outlier(
-    predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
+    scenarios: _Scenarios, shift: Shift, cause: Cause, alone: Estimate, row: Integers, units: float
 ) -> tuple[float, int]:
-    """Test a cause together with one outlier: the log evidence at the cause's own size, and the outlier's row."""
+    """Test a cause together with one outlier of a typical size in units of the assumed scatter: the log evidence at the
+    cause's own size, and the outlier's row.
+    """
     level = float(LEVELS[int(np.argmax(alone.level))])
-    numbers, scatter = np.unique(row), sum(p.weight * p.scatter for p in predictions)
+    numbers = np.unique(row)
     logs = []
     for number in numbers.tolist():
         entries = np.flatnonzero(row == number)
         outlier = np.eye(len(row))[:, entries]
         both = Shift(np.concatenate([shift.columns, outlier], axis=1), shift.offset)
-        scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * scatter)])
-        log = _estimate(
-            predictions, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale))
-        )
+        scale = np.concatenate([cause.scale * level, np.full(len(entries), units)])
+        log = _estimate(scenarios, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale)))
         logs.append(log.log_evidence)
     of_level = np.log(len(LEVELS)) if len(cause.scale) else 0.0
     total = float(np.logaddexp.reduce(np.array(logs))) - np.log(len(numbers)) - of_level
@@ -167,16 +179,16 @@ def _fits(
     return bool(left @ left < chdtri(freedom, 0.001))
 
 
-def _joint_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
+def _joint_estimates(scenarios: _Scenarios, columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
     """Estimate each pair and each triple of causes that has fewer parameters than readings."""
     estimates = {}
     for members in (*combinations(columns, 2), *combinations(columns, 3)):
         joint = Cause("pair" if len(members) == 2 else "triple", members=members)
-        if len(joint.scale) >= len(predictions[0].excess):
+        if len(joint.scale) >= scenarios.excess.shape[1]:
             continue
         grid = list(product(MEMBER_LEVELS, repeat=len(members)))
         levels = np.repeat(grid, [len(member.scale) for member in members], axis=1)
         shifts = [columns[member] for member in members]
         shift = Shift(np.concatenate([s.columns for s in shifts], axis=1), np.sum([s.offset for s in shifts], axis=0))
-        estimates[joint] = _estimate(predictions, shift, joint.scale, levels)
+        estimates[joint] = _estimate(scenarios, shift, joint.scale, levels)
     return estimates
