@@ -358,10 +358,11 @@ def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[s
     mean = values.mean(axis=0)
     away = (values - mean).reshape(n, -1) / np.sqrt(n - 1)
     level = np.sqrt((n - 1) / rng.chisquare(n - 1, _DRAWS))
-    tests = [plain(mean + ((s * rng.standard_normal((n, n))) @ away).reshape(values.shape)) for s in level]
+    mixed = (level[:, None, None] * rng.standard_normal((_DRAWS, n, n))) @ away
+    tests = plain(mean + mixed.reshape(_DRAWS, *values.shape))
     figures = {}
     for name, value in plain(values).items():
-        drawn = np.array([float(test[name]) for test in tests])
+        drawn = tests[name]
         figures[name] = Quantity(float(value), half_width(drawn - drawn.mean()), "mm", n)
     return figures
 
