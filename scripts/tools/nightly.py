@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import datetime as dt
-import os
 import subprocess
 import sys
 import tempfile
@@ -76,9 +75,7 @@ def ran(processes: str, ends_s: float, report: Path, others: Sequence[str]) -> i
     """Run the nightly tests and return the exit code of pytest. No test starts after `ends_s`."""
     command = [sys.executable, "-m", "pytest", "-m", "nightly", "--dist", "worksteal", "--numprocesses", processes]
     command += [f"--night-ends={ends_s:.0f}", f"--junitxml={report}", *others]
-    # Otherwise each process would compile and rewrite every module again.
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+    return subprocess.run(command, cwd=ROOT, check=False).returncode
 
 
 def read(report: Path, minutes: float) -> Night:
