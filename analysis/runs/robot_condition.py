@@ -65,11 +65,11 @@ def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[i
     """Friction by axis 1 … 6. The uncertainty is the larger of that of the fit and the scatter between reversals."""
     friction = {}
     for axis, name in enumerate(CURRENTS, 1):
-        current = robot.get(name, np.empty(0))
-        shown = np.isfinite(current)
+        current, q_deg = robot.get(name, np.full(len(t_s), np.nan)), robot[f"q{axis}_deg"]
+        shown = np.isfinite(current) & np.isfinite(q_deg)
         if not shown.any() or np.ptp(current[shown]) == 0:
             continue
-        if turns := _turns(t_s[shown], robot[f"q{axis}_deg"][shown], current[shown]):
+        if turns := _turns(t_s[shown], q_deg[shown], current[shown]):
             values, u = np.array(turns).T
             n = len(values)
             within = float(np.sqrt((u**2).sum()) / n)
@@ -152,11 +152,13 @@ NOT_SHOWN = Condition()
 
 def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
     stamps_ns = robot["last_byte_ns"]
-    if len(stamps_ns) < 2:
+    q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
+    whole = np.isfinite(q_deg).all(axis=1)
+    if len(stamps_ns) < 2 or not whole.any():
         return NOT_SHOWN
     t_s = (stamps_ns - stamps_ns[0]) / 1e9
-    q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
-    away, to_come = (np.abs(q_deg - q_deg[row]).max(axis=1) > _MOVED_DEG for row in (0, -1))
+    q_deg[~whole] = np.nan  # neither here nor there
+    away, to_come = (np.abs(q_deg - place).max(axis=1) > _MOVED_DEG for place in q_deg[whole][[0, -1]])
     begun = np.maximum.accumulate(away)
     moving = begun & np.maximum.accumulate(to_come[::-1])[::-1]  # between first and last motion
     warmth = {}

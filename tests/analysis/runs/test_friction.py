@@ -53,3 +53,13 @@ def test_motors_that_show_nothing_have_no_friction(value):
     columns = robot(np.random.default_rng(1))
     columns |= {name: np.full(len(columns["last_byte_ns"]), value) for name in CURRENTS}
     assert condition_of(columns).friction == {}
+
+
+@pytest.mark.parametrize("broken", [np.inf, np.nan])
+def test_a_damaged_angle_hides_nothing_but_itself(broken):
+    columns = robot(np.random.default_rng(1))
+    whole = condition_of(columns)
+    for row in (0, 700, -1):
+        columns["q2_deg"][row] = broken
+    damaged = condition_of(columns)
+    assert damaged.doubts == whole.doubts and damaged.friction and set(damaged.friction) >= {1, 3}

@@ -41,7 +41,8 @@ def judged(drawn: tuple[str, Namespace]) -> tuple[str, int]:
         return f"{case.name}: kept, {took}", 0
     if not file_of(case).is_file():
         return f"{case.name}: nothing is kept of it; --update keeps it", 1
-    found = sorted(changes(kept(case), said), key=lambda one: -one.size)
+    found = [one for one in changes(kept(case), said) if given.exact or not one.is_of_processor]
+    found.sort(key=lambda one: -one.size)
     shown = [f"  {one}" for one in (found if given.all else found[:SHOWN])]
     return "\n".join([f"{case.name}: {f'{len(found)} changed' if found else 'as kept'}, {took}", *shown]), len(found)
 
@@ -55,6 +56,7 @@ TRIAL = Trial(
         "NAMES": (("*",), "names or patterns of names (all)"),
         "update": (False, "keep what is said now; look at the difference in git"),
         "all": (False, f"print every change, not the {SHOWN} largest of a case"),
+        "exact": (False, "also changes that another processor may cause"),
         "data": (DATA, "the folder of measured data (../shared/data)"),
     },
 )

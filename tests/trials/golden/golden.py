@@ -35,6 +35,8 @@ ROOT = Path(__file__).parents[3]
 KEPT = ROOT / "tests" / "golden"
 BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
 DIGITS = 6
+SAME_OF_U, SAME = 0.05, 1e-3
+"""What another processor may make of a figure: a twentieth of its u, a thousandth of one without."""
 NOTHING = 1e-11
 """Figures below are rounding alone, which differs from computer to computer."""
 WIDTH = 160
@@ -74,6 +76,11 @@ class Change:
     now: Any
     size: float
     of_u: bool
+
+    @property
+    def is_of_processor(self) -> bool:
+        """Whether another processor, which rounds differently, may cause it."""
+        return self.size <= (SAME_OF_U if self.of_u else SAME)
 
     def __str__(self) -> str:
         if math.isinf(self.size):
@@ -136,11 +143,24 @@ def changes(before: Any, now: Any, where: str = "", beside: Mapping[str, Any] | 
             else:
                 yield Change(f"{where}.{key}", before.get(key, "(nothing)"), now.get(key, "(nothing)"), math.inf, False)
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        for k, (old, new) in enumerate(zip(before, now, strict=True)):
-            name = (old.get("name") or k) if isinstance(old, dict) else k
+        for name, old, new in _paired(before, now):
             yield from changes(old, new, f"{where}[{name}]", beside)
     elif before != now:
         yield _change(where, before, now, beside or {})
+
+
+def _paired(before: Sequence[Any], now: Sequence[Any]) -> list[tuple[Any, Any, Any]]:
+    """The items of two lists, by name if both have the same: parts of equal size may be sorted either way."""
+    old, new = (sorted(range(len(each)), key=lambda k, each=each: (_label(each[k]), k)) for each in (before, now))
+    if [_label(before[k]) for k in old] != [_label(now[k]) for k in new]:
+        old = new = list(range(len(before)))
+    pairs = sorted(zip(old, new, strict=True))
+    return [(_label(before[k]) or k, before[k], now[other]) for k, other in pairs]
+
+
+def _label(item: Any) -> str:
+    keys = ("name", "first", "second") if isinstance(item, dict) else ()
+    return " ".join(str(item[key]) for key in keys if item.get(key)) or (item.get("kind", "") if keys else "")
 
 
 def _change(where: str, before: Any, now: Any, beside: Mapping[str, Any]) -> Change:
