@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure, FigureBase, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
@@ -303,18 +304,26 @@ Part = tuple[float, Callable[[SubFigure], None]]
 
 
 class Sheet(Figure):
-    """Constrained layout; characters missing in the font become boxes without a warning."""
+    """A figure with constrained layout. Characters missing in the font become boxes without a warning.
+
+    To save a figure, matplotlib draws it twice: on a disabled renderer, for the layout, and then without the layout
+    engine. Here the first pass computes only the layout.
+    """
 
     def __init__(self, width_inch: float, height_inch: float) -> None:
         super().__init__(figsize=(width_inch, height_inch), layout="constrained")
 
     def draw(self, renderer: RendererBase) -> None:
-        for text in self.findobj(Text):
-            if isinstance(text, Text) and (shown := escape_lines(text.get_text())) != text.get_text():
-                text.set_text(shown)
+        engine = self.get_layout_engine()
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-            super().draw(renderer)
+            if not isinstance(engine, ConstrainedLayoutEngine):
+                super().draw(renderer)
+                return
+            for text in self.findobj(Text):
+                if isinstance(text, Text) and (shown := escape_lines(text.get_text())) != text.get_text():
+                    text.set_text(shown)
+            engine.execute(self)
 
 
 _GREY, _RULE, _SHADE, _ARM = "#6b6b6b", "#dddddd", "#f2c14e", "#c4c4c4"

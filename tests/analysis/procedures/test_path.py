@@ -96,6 +96,13 @@ def recorded(errors: Errors, seed: int = 0, noise_mm: float = 0.0, rate_hz: floa
     return PathTable(t_s, turn.inv().apply(places - np.array(INSTRUMENT.xyz_mm)))
 
 
+@cache
+def slightly_scattered() -> tuple[PathTable, path.PathResult]:
+    """A recording without outliers, and its result with a fitted frame."""
+    table = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
+    return table, path.evaluate(table, CUBE, None, "path")
+
+
 def test_a_perfect_arm_has_no_error_and_every_cycle_is_found():
     found = path.evaluate(recorded(Errors()), CUBE, INSTRUMENT, "path")
     assert {name: len(one.places) for name, one in found.driven.paths.items()} == dict.fromkeys(
@@ -198,13 +205,12 @@ def test_a_recording_of_something_else_is_refused(scale, cube, code):
 
 
 def test_spike_is_ignored_and_reported():
-    sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
+    sound, truth = slightly_scattered()
     xyz = sound.xyz_mm.copy()
     row = int(np.searchsorted(sound.t_s, 3.3))
     assert np.linalg.norm(np.diff(xyz[row - 3 : row + 3], axis=0), axis=1).min() > 0.3  # it moves
     xyz[row] += 3.7 * ACROSS
-    table = replace(sound, xyz_mm=xyz)
-    found, truth = (path.evaluate(one, CUBE, None, "path") for one in (table, sound))
+    found = path.evaluate(replace(sound, xyz_mm=xyz), CUBE, None, "path")
     assert found.notes[0].startswith(f"1 of {len(xyz)} places ")
     assert str(row + 1) in found.notes[0] and "ignored" in found.notes[0]
     for name in ("line_rt_mm", "line_at_mm", "circle_rt_mm"):
@@ -213,11 +219,11 @@ def test_spike_is_ignored_and_reported():
 
 
 def test_repeated_places_are_ignored_and_reported():
-    sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
+    sound, truth = slightly_scattered()
     xyz, row = sound.xyz_mm.copy(), int(np.searchsorted(sound.t_s, 3.3))
     count = 150
     xyz[row : row + count] = xyz[row - 1]
-    found, truth = (path.evaluate(one, CUBE, None, "path") for one in (replace(sound, xyz_mm=xyz), sound))
+    found = path.evaluate(replace(sound, xyz_mm=xyz), CUBE, None, "path")
     (note,) = [one for one in found.notes if "repeat" in one]
     assert note.startswith(f"{count} of {len(xyz)} places") and f"from row {row + 1} on" in note
     assert found.figures["line_rt_mm"].value == pytest.approx(truth.figures["line_rt_mm"].value, rel=0.15)

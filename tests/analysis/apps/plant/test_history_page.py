@@ -1,6 +1,7 @@
 """The history page shows what changed first, and fits on a telephone."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -18,14 +19,16 @@ WIDE = """(() => {
 })()"""
 
 
-def _page(folder, runs):
-    history = history_of(collected(runs))
-    write_page(history, folder / "history.html")
-    return history, (folder / "history.html").read_text()
+@pytest.fixture(scope="module")
+def grown(tmp_path_factory):
+    """History of a robot whose play grew, and the file of its page."""
+    history, file = history_of(collected(GREW)), tmp_path_factory.mktemp("grown") / "history.html"
+    write_page(history, file)
+    return history, file
 
 
-def test_changes_are_a_table_with_u_and_a_picture_each_before_the_rest(tmp_path):
-    history, html = _page(tmp_path, GREW)
+def test_changes_are_a_table_with_u_and_a_picture_each_before_the_rest(grown):
+    history, html = grown[0], grown[1].read_text()
     changed = [series for series in history.series if series.trend.changes]
     first, _, behind = html.partition("<details>")
     assert changed and len(changed) < len(history.series)
@@ -36,19 +39,20 @@ def test_changes_are_a_table_with_u_and_a_picture_each_before_the_rest(tmp_path)
 
 
 def test_unchanged_robot_has_no_table_of_changes_and_no_open_picture(tmp_path):
-    history, html = _page(tmp_path, STILL)
-    first, _, behind = html.partition("<details>")
-    assert "What changed" not in html and "<svg" not in first
+    history, file = history_of(collected(STILL)), tmp_path / "history.html"
+    history = replace(history, series=history.series[:3])
+    write_page(history, file)
+    first, _, behind = file.read_text().partition("<details>")
+    assert "What changed" not in first + behind and "<svg" not in first
     assert behind.count("<svg") == len(history.series)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-@pytest.mark.parametrize("width", [390, 1400])
-def test_no_element_is_wider_than_the_screen(tmp_path, width):
-    _page(tmp_path, GREW)
+def test_no_element_is_wider_than_the_screen(grown, tmp_path):
+    page = grown[1].as_uri()
     with browser(tmp_path / "profile") as opened:
-        page = (tmp_path / "history.html").as_uri()
-        opened.sized(width, 844, is_mobile=width < 500)
-        opened.send("Page.navigate", url=page)
-        opened.until(f"location.href === {page!r} && document.readyState === 'complete'")
-        assert opened.value(WIDE) == []
+        for width in (390, 1400):
+            opened.sized(width, 844, is_mobile=width < 500)
+            opened.send("Page.navigate", url=page)
+            opened.until(f"location.href === {page!r} && document.readyState === 'complete'")
+            assert opened.value(WIDE) == [], width
