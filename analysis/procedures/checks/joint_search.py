@@ -182,14 +182,16 @@ def _tools(known: Array, T: Array) -> tuple[Array, Array, Array]:
 
     known (n, 4): orthonormal columns of places and constants, which the base takes up.
     """
-    x, R = T[:, :, :3, 3], T[:, :, :3, :3]
-    taken = np.einsum("nk,rnij->rkij", known, T[:, :, :3])
-    of_R, of_x = taken[..., :3], taken[..., 3]
-    normal = T.shape[1] * np.eye(3) - np.einsum("rkij,rkil->rjl", of_R, of_R)
-    slope = np.einsum("rnij,rni->rj", R, x) - np.einsum("rkij,rki->rj", of_R, of_x)
-    normal = normal + _NOTHING * T.shape[1] * np.eye(3)
+    count, n = T.shape[:2]
+    x, frames = T[:, :, :3, 3], T[:, :, :3].reshape(count, n, 12)
+    taken = (known.T @ frames).reshape(count, -1, 4)
+    flat = frames.reshape(count, -1, 4)  # columns of rotation and position
+    from_taken = taken.transpose(0, 2, 1) @ taken
+    along = (flat.transpose(0, 2, 1) @ flat[:, :, 3:])[:, :, 0] - from_taken[:, :, 3]
+    slope = along[:, :3]
+    normal = (1 + _NOTHING) * n * np.eye(3) - from_taken[:, :3, :3]
     tool = -np.linalg.solve(normal, slope[:, :, None])[:, :, 0]
-    squares = (x**2).sum(axis=(1, 2)) - (of_x**2).sum(axis=(1, 2)) + (slope * tool).sum(axis=1)
+    squares = along[:, 3] + (slope * tool).sum(axis=1)
     spread = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
     return tool, squares, spread
 
@@ -205,8 +207,8 @@ def _free_steps(known: Array, T: Array, J: Array, damping: Array) -> tuple[Array
     lever = np.einsum("rnij,rj->rni", T[:, :, :3, :3], tool)
     moves = J[:, :, :3] + np.cross(J[:, :, 3:], lever[..., None], axis=2)
     columns = np.concatenate([moves, T[:, :, :3, :3], (T[:, :, :3, 3] + lever)[..., None]], axis=3)
-    columns = columns - np.einsum("nk,rkij->rnij", known, np.einsum("nk,rnij->rkij", known, columns))
-    columns = columns.reshape(len(T), -1, columns.shape[3])
+    flat = columns.reshape(*T.shape[:2], -1)
+    columns = (flat - known @ (known.T @ flat)).reshape(len(T), -1, columns.shape[3])
     design, gap = columns[:, :, :-1], columns[:, :, -1:]
     normal = design.transpose(0, 2, 1) @ design
     diagonal = np.einsum("rkk->rk", normal) * damping[:, None] + _NOTHING * np.trace(normal, axis1=1, axis2=2)[:, None]
