@@ -77,7 +77,8 @@ def _remarks(program: CorrectedProgram) -> Iterator[str]:
         yield ENGLISH("program_start", angles=angles)
     if program.near and program.by_user:
         angles = ", ".join(f"{angle:z.4g}°" for angle in np.degrees(program.near))
-        places = first_of([_place(program, *place) for place in sorted(set(program.by_user))], _LISTED, ", ")
+        looked_at = [_place(program, *place) for place in sorted(set(program.by_user))]
+        places = first_of(looked_at, _LISTED) + " (all in corrections.yaml)" * (len(looked_at) > _LISTED)
         yield ENGLISH("program_near", places=places, angles=angles)
     if program.judged:
         accuracy = reached(program.u_frame_mm, program.u_mm)

@@ -205,7 +205,9 @@ class Machine(JobMachine):
             self.frames[("frame" if found[1] == "FRAME" else "tool"), int(found[2])] = self._value(found[3].strip())
         elif found := re.match(r"(OFFSET|TOOL_OFFSET) CONDITION +PR\[(\d+)", upper):
             self.conditions[found[1]] = self._register(int(found[2]))
-        elif found := re.match(r"PR\[(\d+)(?::[^\],]*)?(?:, *(\d))?[^\]]*\] *= *(.*)", upper):
+        elif re.match(r"PR\[GP[2-9]:", upper):
+            pass  # The register of a group that is not the arm.
+        elif found := re.match(r"PR\[(?:GP1:)?(\d+)(?::[^\],]*)?(?:, *(\d))?[^\]]*\] *= *(.*)", upper):
             number = int(found[1])
             self.registers[number] = self._assigned(self._register(number), found[2], found[3])
         elif found := re.match(r"P\[(\d+)[^\]]*?(?:, *(\d))?\] *= *(.*)", upper):
