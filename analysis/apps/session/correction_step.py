@@ -37,7 +37,7 @@ from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, po
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import known_plays, supports
 from analysis.correction.work import tool_poses, used_effects
-from analysis.diagnosis.judge.comparison import compare
+from analysis.diagnosis.judge.comparison import residuals_mm
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import controller_arm, forward
@@ -157,8 +157,7 @@ def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured],
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
     """Rms in µm that these effects leave of the readings."""
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
-    every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
-    return 1e3 * rms(every)
+    return 1e3 * rms(residuals_mm(runs, modelled))
 
 
 def _correction(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from analysis.diagnosis.evidence.observation import by_socket, outside_effect_coverage, residual_of
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, outside_effect_coverage, residual_of
 from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
 from analysis.diagnosis.evidence.setups import fit_setups
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace, Staircase
@@ -21,7 +21,7 @@ from analysis.procedures.results import Result, result_of
 from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.test_kind import Evaluated, evaluate, facts_of, labels_of, path_of, predict
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.predict import Model, SetUp
+from analysis.robot.predict import Model, SetUp, SetUps
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms
 from analysis.runs.tables import Table
@@ -177,7 +177,14 @@ def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ())
     )
 
 
-def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
+def residuals_mm(runs: Sequence[Measured], rig: Rig) -> Array:
+    """The readings (n,) of all runs minus those of the model of a rig, with fitted set-ups. Raises FileError."""
+    pieces, placed, _ = _placed(runs, rig)
+    return np.concatenate([residual_of(part, placed).ravel() for _, part in pieces])
+
+
+def _placed(runs: Sequence[Measured], rig: Rig) -> tuple[list[tuple[Measured, ObservedRun]], SetUps, list[str]]:
+    """The parts of the runs that share a set-up, each with its run, the fitted set-ups, and doubts."""
     pieces = [
         (run, part) for run, whole in zip(runs, observe_runs(rig, runs), strict=True) for part in by_socket(whole)
     ]
@@ -187,9 +194,13 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     doubts += of_targets
     for name, part in zip(names, split_up, strict=True):
         doubts += outside_effect_coverage(rig.effects, part.table.q[part.rows], f"{name}, an effect of the rig file")
-    placed = fit_setups(split_up)
+    return [(run, part) for (run, _), part in zip(pieces, split_up, strict=True)], fit_setups(split_up), doubts
+
+
+def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
+    pieces, placed, doubts = _placed(runs, rig)
     comparisons, poses = [], []
-    for (run, _), part in zip(pieces, split_up, strict=True):
+    for run, part in pieces:
         residual = residual_of(part, placed)
         if facts_of(run.table.test).of_places:
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
@@ -199,7 +210,7 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
             poses.append(PoseComparison(run.run.manifest.name, *size, run.path, part.rows, residual @ to_base))
         else:
             comparisons.append(_comparison(run, part.model, placed[part.setup], part.rows, residual))
-    setups = {f"{part.setup}{where}": placed[part.setup] for part in split_up if not part.facts.of_places}
+    setups = {f"{part.setup}{where}": placed[part.setup] for _, part in pieces if not part.facts.of_places}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 
