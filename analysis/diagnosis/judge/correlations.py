@@ -13,6 +13,9 @@ from rigs.calibration import TIMES, CalibratedModel
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
 
+_DIGITS = 3
+"""Decimals of a correlation. Chosen: pairs below are separated by any use of the model."""
+
 
 @dataclass(frozen=True)
 class Correlation:
@@ -27,7 +30,9 @@ class Correlation:
 
 
 def correlations_of(calibrated: CalibratedModel, effects: Sequence[Effect]) -> tuple[Correlation, ...]:
-    """Correlations of all pairs of effects, the strongest first; of two parameters of an effect, the stronger one."""
+    """Correlations of pairs of effects, the strongest first; of two parameters of an effect, the stronger one. Pairs
+    without a correlation in three decimals are left out.
+    """
     kept = [
         (row, calibrated.terms[parameter.term].effect)
         for row, parameter in enumerate(calibrated.parameters)
@@ -39,6 +44,6 @@ def correlations_of(calibrated: CalibratedModel, effects: Sequence[Effect]) -> t
     for (k, (_, first)), (n, (_, second)) in combinations(enumerate(kept), 2):
         pair = effects.index(first), effects.index(second)
         if first != second and abs(values[k, n]) > abs(strongest.get(pair, 0.0)):
-            strongest[pair] = float(values[k, n])
-    every = [Correlation(effects[first], effects[second], value) for (first, second), value in strongest.items()]
-    return tuple(sorted(every, key=lambda one: -abs(one.value)))
+            strongest[pair] = round(float(values[k, n]), _DIGITS)
+    ordered = sorted(strongest.items(), key=lambda one: (-abs(one[1]), one[0]))
+    return tuple(Correlation(effects[first], effects[second], value) for (first, second), value in ordered if value)

@@ -24,7 +24,13 @@ def test_coefficient_is_that_of_the_covariance_and_the_strongest_pair_is_first()
     found = correlations_of(model([[2, 0, 0, 0], [-3, 4, 0, 0], [0, 0, 1, 0], [0.1, 0, 0, 1]]), [ZERO, PLAY, WAVE])
     assert [(pair.first, pair.second) for pair in found] == [(ZERO, PLAY), (ZERO, WAVE), (PLAY, WAVE)]
     assert found[0].value == pytest.approx(-0.6)
-    assert found[1].value == pytest.approx(0.1 / np.hypot(0.1, 1))
+    assert found[1].value == pytest.approx(0.1 / np.hypot(0.1, 1), abs=5e-4)
+
+
+def test_pairs_that_the_runs_separate_are_left_out():
+    rows = [[2, 0, 0, 0], [-3, 4, 0, 0], [0, 0, 1, 0], [4e-4, 0, 0, 1]]
+    found = correlations_of(model(rows), [ZERO, PLAY, WAVE])
+    assert [(pair.first, pair.second) for pair in found] == [(ZERO, PLAY)]
 
 
 def test_effects_of_another_fit_are_left_out():
