@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -99,9 +99,10 @@ def corrected(
             raise FileError(str(model_file), problem, how, code="controller.invalid")
         sentence = f"Nothing was corrected: the constants of the controller are unknown. To correct the robot, {how}."
         return _correction("none", sentence, now_um), {}
+    of_test = cache(partial(_of_test, rig, model))
     by_entries_um = _left_um(on_circle, at_controller(rig), entries.effects)
     try:
-        main = _of_test(rig, model, session.stages[0], MAIN)
+        main = of_test(session.stages[0], MAIN)
         between_um = _between_targets_um(rig, model, session.stages[0], main)
     except FileError:
         if chosen_way == "programs":
@@ -138,7 +139,7 @@ def corrected(
         taught = entries.steps[0]  # programs with taught points, before anything is entered
         sentence = joined([correction_report.controller_sentence(entries), taught, unknown, f"{falls}."])
         return _correction(way, sentence, now_um, left_um, **expected), {}
-    programs = corrected_programs(rig, model, session.stages, steps)
+    programs = programs_by_step(session.stages, steps, of_test, FIXED)
     sentence = f"Load the corrected programs. {falls}."
     return _correction(way, sentence, now_um, left_um, **expected), programs
 
