@@ -121,6 +121,8 @@ class CorrectedProgram:
     """True if the program is not written, because it is corrected only in part."""
     start: tuple[float, ...] | None = None
     """Joint angles (6,) rad at the start as stated by the user, if the posture of a target may depend on them."""
+    needs_model: bool = True
+    """False if the points are right as they are, or only converted."""
     near: tuple[float, ...] | None = None
     """Joint angles (6,) rad as stated by the user for targets without a posture in the program, if they are used."""
     by_user: tuple[tuple[int, int], ...] = ()
@@ -208,6 +210,7 @@ def correct_program(
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=postures.start if _needs_start(parsed) else None,
+        needs_model=points.uses_model,
         near=postures.near if program.by_user else None,
         by_user=tuple((targets[k].file, targets[k].line) for k in kept if k in program.by_user),
         neutral=texts.neutral,

@@ -137,7 +137,8 @@ def _without_model(corrections: Corrections) -> str:
     sources = {group.origin.since for program in converted for group in program.groups if group.origin.since}
     names = ", ".join(program.path.name for program in converted)
     sentences = [ENGLISH("correct_converted", names=names, since=", ".join(sorted(sources)))] if converted else []
-    lost = [one.path.name for one in corrections.programs if not (one.names or one.held or one.is_right)]
+    unchanged = [one for one in corrections.programs if not (one.names or one.held or one.is_right)]
+    lost = [one.path.name for one in unchanged if not one.needs_model]
     sentences += [ENGLISH("correct_not_converted", names=", ".join(lost))] if lost else []
     return joined([*sentences, ENGLISH("correct_right", names=", ".join(right)) if right else ""])
 

@@ -176,6 +176,15 @@ def test_program_without_corrections_is_read_despite_a_play(text, reasons, tmp_p
     assert [target.reason for target in done.left] == reasons and not done.names and not len(done.u_mm)
 
 
+def test_computed_points_that_are_left_are_not_called_taught(tmp_path, cell):
+    path = tmp_path / "a.script"
+    path.write_text("set_tcp(p[0,0,0,0,0,0])\nmovel(p[-0.5, -0.17, 0.6, 0, 3.14, 0])\n")
+    done = ran(f"correct {cell} --program {path} --points computed -o {tmp_path}/out")
+    words = " ".join(done.stdout.split())
+    assert "state it: --near" in words
+    assert "taught points" not in words
+
+
 def test_programs_of_one_name_are_refused(tmp_path, cell):
     paths = [tmp_path / name / "a.script" for name in ("x", "y")]
     for path in paths:
