@@ -9,7 +9,7 @@ arm has every effect at its healthy size.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -38,11 +38,16 @@ def run_of(table: Table, name: str, rig: Rig) -> Measured:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Runs of a cell; of a broken one the convention, and words of which the finding must contain one."""
+    """Named tables of a cell; of a broken one the convention, and words of which the finding must contain one."""
 
-    runs: list[Measured]
+    rig: Rig
+    tables: tuple[tuple[str, Table], ...]
     convention: str = ""
     meant: tuple[str, ...] = ()
+
+    @cached_property
+    def runs(self) -> list[Measured]:
+        return [run_of(table, name, self.rig) for name, table in self.tables]
 
     def is_named(self, finding: Finding) -> bool:
         return finding.convention == self.convention and any(words in finding.meant for words in self.meant)
@@ -54,10 +59,10 @@ def cells() -> dict[str, Drawn]:
     archive, found = Archive("conventions"), {}
     rigs = [Rig.model_validate(rig) for rig in archive.about["rigs"]]
     for name, cell in archive.about["cells"].items():
-        rig, runs = rigs[cell.pop("rig")], []
+        rig, tables = rigs[cell.pop("rig")], []
         for run in cell.pop("runs"):
             columns = {key: np.array(run["stated"].pop(key), dtype=kind) for key, kind in run["dtypes"].items()}
             columns |= archive.columns(run["measured"])
-            runs.append(run_of(_TABLES[run["kind"]](**run["stated"], **columns), run["name"], rig))
-        found[name] = Drawn(runs, **cell)
+            tables.append((run["name"], _TABLES[run["kind"]](**run["stated"], **columns)))
+        found[name] = Drawn(rig, tuple(tables), **cell)
     return found

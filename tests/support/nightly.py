@@ -49,7 +49,13 @@ def moved() -> tuple[dict[str, Any], ...]:
 
 def is_moved(nodeid: str) -> bool:
     """True if a test runs only at night, according to the table of nightly tests."""
-    return any(nodeid.startswith(entry["of"]) and _names(entry, nodeid) for entry in moved())
+    return any(_names(entry, nodeid) for entry in _moved_of(nodeid.partition("::")[0]))
+
+
+@cache
+def _moved_of(file: str) -> tuple[dict[str, Any], ...]:
+    """Entries of a test file."""
+    return tuple(entry for entry in moved() if file.startswith(entry["of"]))
 
 
 def _names(entry: dict[str, Any], nodeid: str) -> bool:
