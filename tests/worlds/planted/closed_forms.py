@@ -1,4 +1,4 @@
-"""Closed formulas of the ball link, the hemisphere and a nominal arm, and a noise-free robot with fixed errors.
+"""Closed formulas of the ball link, the hemisphere and a nominal arm.
 
 The simulator is not used here. The noisy cells of `cells`, `circles`, `targets` and `poses` use these formulas.
 """
@@ -7,14 +7,10 @@ import dataclasses
 
 import numpy as np
 
-from analysis.robot.geometry.circle import CircleFrame
 from analysis.robot.kinematics.arm import Arm
 from analysis.runs.tables import RadialTable, RepeatabilityTable
 
 RADIUS_MM, BASELINE_MM = 70.0, 50.0
-FRAME = CircleFrame(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), RADIUS_MM)
-BALL = np.array([0.8, -0.5, 0.3])
-FINE = np.linspace(0, 2 * np.pi, 36001)[:-1]
 _HAND = float(np.cross([-1.0, 0, 0], [0, 0, 1.0])[1])
 """Component of y_T along v at phi = 0: z_T × x_T with z_T = -u, x_T = n."""
 
@@ -37,32 +33,6 @@ def link_readings(
     distance = np.hypot(x, y) + distance_mm - RADIUS_MM
     half = np.tan(angle) * baseline_mm / 2
     return np.stack([distance - half, distance + half], axis=1)
-
-
-# --- a robot with fixed errors
-
-
-def wrong_angle(phi: np.ndarray, sense: float) -> np.ndarray:
-    """Orientation error (n,) rad: harmonics, and backlash jumps near 105° and 237° with a sign given by
-    sense.
-
-    A jump extends over some degrees, because a joint crosses its backlash slowly at a reversal.
-    """
-    turn = np.degrees(phi) % 360
-    play = 0.5 * (np.tanh((turn - 105) / 1.5) - np.tanh((turn - 237) / 1.5) - 1)
-    play *= 1 + 0.3 * np.cos(phi - np.radians(170))  # so that there is a unique maximum
-    rough = 0.15 * np.sin(2 * phi + 0.4) + 0.05 * np.sin(7 * phi) + 0.08 * sense * play
-    return np.asarray(np.radians(rough))
-
-
-def wrong_distance(phi: np.ndarray, sense: float) -> np.ndarray:
-    """Radial error (n,) mm."""
-    return np.asarray(0.03 * np.sin(3 * phi) + 0.02 * np.cos(2 * phi + 1) + 0.01 * sense * np.sin(phi + 0.3) ** 2)
-
-
-def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
-    """Readings (n, 2) mm of this robot around BALL."""
-    return link_readings(phi, BALL, test, wrong_angle(phi, sense), wrong_distance(phi, sense))
 
 
 # --- tables of targets
