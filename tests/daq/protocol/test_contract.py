@@ -46,11 +46,12 @@ def test_every_driver_is_held_to_the_contract(package, tested):
 @pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
 def test_gauge_gives_the_planted_values(name, gauges, resolution_mm):
     planted: list[list[float]] = []
-    # A gauge that omits the plus loses a reading where it passes zero.
+    # A gauge that omits the plus loses a reading where it passes zero, and a display in µm ends at 999.
     lowest_mm = -9.2345 if "c1208" in name else -1.2345
+    lowest_mm, step_mm = (lowest_mm / 2, 0.0054) if gauges[0].units == "um" else (lowest_mm, 0.0137)
 
     def read(now_ns: int) -> list[float]:
-        planted.append([(lowest_mm + 0.0137 * (len(planted) % 250)) * (1 + 0.5 * k) for k in range(len(gauges))])
+        planted.append([(lowest_mm + step_mm * (len(planted) % 250)) * (1 + 0.5 * k) for k in range(len(gauges))])
         return planted[-1]
 
     device = daq.gauges.device(gauges, read)

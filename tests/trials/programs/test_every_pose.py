@@ -19,7 +19,8 @@ _POSES = {
 }
 _OTHERS = {
     "ur": r"^[ \t]*\$.*|#.*|\"[^\"\n]*\"|(?:set_tcp|force_mode|track_conveyor_\w+|path_offset_set)\([^\n]*"
-    r"|\b(?:pose_trans|pose_add)\(\w+, p\[[^\]]*\]|\b(?:tcp|plane|o)_\d+ = .*",
+    r"|\b(?:pose_trans|pose_add)\(\w+, p\[[^\]]*\]|\bpose_trans\(p\[[^\]]*\](?=, [A-Za-z_]\w*\))"
+    r"|\b(?:tcp|plane|o)_\d+ = .*",
     "kuka": r";.*|\"[^\"\n]*\"|^.*(?:\$TOOL|\$BASE|TOOL_DATA|BASE_DATA|MACHINE_DEF).*$",
     "abb": r"!.*|\"[^\"\n]*\"|^.*\bPDispOn\b.*|^\s*\w+:=\[.*",
     "fanuc": r"^\s*\d*:\s*!.*",
