@@ -29,7 +29,7 @@ from matplotlib.ticker import MaxNLocator
 from analysis.apps.report.texts import Texts
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.runs.tabular import pick_fields
-from rigs.text import escape_lines, escape_values
+from rigs.text import escape_lines, escape_text, escape_values
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -337,8 +337,10 @@ _HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 2.0, "plane": 4
 _MOST_NODES = 360
 """Nodes of a line on paper: 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
-_LETTERS_PER_INCH, _SYMBOL_LETTERS = 16, 5
+_LETTERS_PER_INCH, _SYMBOL_LETTERS, _LEGEND_ROWS_PER_INCH = 16, 5, 6
 """Size of the names in a legend, and of the symbol before each, in a font of 8 points."""
+_LEGEND_SHARE = 0.4
+"""Largest share of the height for a legend. Chosen: four rows below the lowest chart, whose curves need the rest."""
 _PANEL_LETTERS, _Y_LETTERS = 62, 22
 _CAPTION_LETTERS = 150
 _TAG = re.compile(r"<[^>]*>")
@@ -434,10 +436,17 @@ def _panels(sheet: FigureBase, chart: Chart) -> None:
 
 
 def _legend(sheet: FigureBase, axes: Axes) -> None:
-    handles, names = axes.get_legend_handles_labels()
-    width_inch = axes.figure.bbox.width / axes.figure.dpi
-    columns = int(_LETTERS_PER_INCH * width_inch / (_SYMBOL_LETTERS + max(map(len, names), default=1)))
-    sheet.legend(handles, names, loc="outside lower center", ncols=min(max(columns, 1), len(names)), frameon=False)
+    """Names below the axes. Long names are shortened if the legend would leave no room for the curves."""
+    handles, labels = axes.get_legend_handles_labels()
+    names = [escape_text(label) for label in labels]
+    box, dpi = axes.figure.bbox, axes.figure.dpi
+    letters = _LETTERS_PER_INCH * box.width / dpi
+    rows = max(1, int(_LEGEND_SHARE * _LEGEND_ROWS_PER_INCH * box.height / dpi))
+    fitting = int(letters / (_SYMBOL_LETTERS + max(map(len, names), default=1)))
+    columns = min(max(fitting, -(-len(names) // rows), 1), len(names))
+    longest = int(letters / max(columns, 1)) - _SYMBOL_LETTERS
+    shown = [name if len(name) <= longest else f"{name[: longest - 1]}…" for name in names]
+    sheet.legend(handles, shown, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
