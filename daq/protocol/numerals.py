@@ -136,7 +136,8 @@ class NumberFormat:
         """
         mean_mm = (usual.value_mm + number.value_mm) / 2
         usual_mm = [abs(later - earlier) / 2 for earlier, later in pairwise(self._steps_mm)]
-        reach_mm = _SCATTER * max(number.last_digit_mm, median(usual_mm or [0]))
+        usual_scatter_mm = median(usual_mm) if len(usual_mm) >= _LASTING else 0.0  # of fewer, one may be misread
+        reach_mm = _SCATTER * max(number.last_digit_mm, usual_scatter_mm)
         is_likely = mean_mm > 0 or held.number.value_mm - mean_mm <= reach_mm
         if is_likely and message.last_byte_ns - held.message.last_byte_ns <= _CONFIRMED_WITHIN_NS:
             self._accept(held.number, held.message)

@@ -144,6 +144,12 @@ def test_negative_number_that_loses_its_minus_is_left_out_and_counted(after):
     assert _c1208_readings(*steps) == ([-0.011, -0.008, -0.005, float(after)], [FaultKind.MISSHAPEN])
 
 
+def test_first_number_without_its_minus_does_not_make_a_second_one_credible():
+    later = ("-000.0495", "-000.0497", "-000.0496", "-000.0495")
+    values, faults = _c1208_readings("000.0494", "-000.0494", "-000.0494", "000.0498", *later)
+    assert 0.0498 not in values and faults == [FaultKind.MISSHAPEN, FaultKind.DOUBTFUL]
+
+
 def test_reading_held_back_over_a_pause_is_left_out_and_counted():
     values, faults = _c1208_readings("-000.0120", "-000.0020", "000.0080", "000.0180", pause_s=1.1)
     assert (values, faults) == ([-0.012, -0.002, 0.018], [FaultKind.MISSHAPEN])
