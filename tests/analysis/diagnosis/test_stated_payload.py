@@ -34,12 +34,13 @@ def _rig(payload_kg: float) -> Rig:
 
 
 def _found(stated: Rig, really: Rig, seed: int, fault: Fault) -> tuple[Named, float]:
-    """Fault named with the stated rig file, and its true size."""
+    """Compliance named with the stated rig file, and the true one in °/Nm."""
     rng = np.random.default_rng(seed)
     truth = draw_truth(really.robot, rng, (fault,))
     table = pose_table(really.robot, truth, rng, BALL_MM, 150)
     found = diagnose(stated, [run_of(stated, table)], [], [], lambda _: None)
-    return next(one for one in found.effects if name_of(one.effect) == fault.name), truth.size_of(fault)
+    named = next(one for one in found.effects if name_of(one.effect) == fault.name)
+    return named, float(np.degrees(truth.soft[fault.axis - 1]))
 
 
 @pytest.mark.nightly  # 7 s
