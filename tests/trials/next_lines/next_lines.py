@@ -2,7 +2,7 @@
 
 A *hint* is a command in what a command printed. It is called as it stands, in a copy of the directory in which it was
 printed; where it ends with an error, the hints of that error are followed in turn. An end is a command that succeeds. A
-command that needs a cell, a terminal or a person at the robot is held against its own options, and not called.
+command that needs a cell, a terminal, a file of the user or a person at the robot is checked only for valid options.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _NEED_A_CELL = ("rigd", "record", "live", "doctor", "init", "status", "logs", "m
 _STANDS_FOR = {"RUN": "{runs}", "RUN…": "{runs}", "RUNS": "{runs}", "RIG": "{rig}", "CELL": "{rig}", "FILE": "{rig}",
                "DIR": "new", "FILE.html": "new.html"}  # fmt: skip
 """Values of the words in capitals in hints."""
-_A_TRACKERS = {"TRACKER.csv"}
-"""Files that only an instrument writes."""
+_FILES_OF_THE_USER = ("TRACKER.csv", "--program FILE")
+"""Files that rig cannot know: those of an instrument, and programs of the robot. Such a hint is not called."""
 _USE = 2
 _TOKENS = re.compile(r"""(?:'[^']*'|[^\s'])+[^\s']*|'""")
 _ENDS_A_COMMAND = ",;:.)]…'`’"
@@ -142,13 +142,18 @@ def follow(text: str, place: Place, scratch: Path) -> Followed:
         counted.lines += 1
         if (why := _wrong_use(hint)) is not None:
             counted.dead.append((hint, why))
-        elif hint.words[0] == "rigd" or hint.words[1] in _NEED_A_CELL or not _A_TRACKERS.isdisjoint(hint.words):
+        elif _needs_a_cell(hint):
             counted.need_a_cell += 1
         elif why := _followed(hint, place, scratch, numbers, seen):
             counted.dead.append((hint, why))
         else:
             counted.ends += 1
     return counted
+
+
+def _needs_a_cell(hint: Hint) -> bool:
+    names_file = any(file in str(hint) for file in _FILES_OF_THE_USER)
+    return names_file or hint.words[0] == "rigd" or hint.words[1] in _NEED_A_CELL
 
 
 def _followed(

@@ -26,7 +26,7 @@ def test_the_commands_of_a_line_are_seen(tmp_path, line, commands):
     assert [str(hint) for hint in hints_of(line, tmp_path) if hint.words[1:] and hint.words[1] != "finds"] == commands
 
 
-@pytest.mark.cpu_limit(120)
+@pytest.mark.cpu_limit(240)
 @pytest.mark.parametrize("case", nightly.cases(CASES, lambda case: case.quick))
 def test_every_hint_comes_to_an_end(tmp_path, case):
     found = followed(case, tmp_path)
