@@ -11,8 +11,8 @@ from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import act_after, micrometres, percent, with_uncertainty
 from analysis.apps.report.texts import extended, joined
 from analysis.correction.work import largest_move_mm
+from analysis.diagnosis.fit.selection_state import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
-from analysis.diagnosis.judge.budget_part import LEAST_SHARE
 from analysis.diagnosis.plan.plan_next import JOINED
 from analysis.robot.predict import is_geometric
 from rigs.effects import Effect, size_field

@@ -19,8 +19,9 @@ from analysis.apps.report.diagnosis_words import (
 from analysis.apps.report.texts import ENGLISH, Texts, capital, joined
 from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
+from analysis.diagnosis.fit.selection_state import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED
-from analysis.diagnosis.judge.budget_part import LARGE_SHARE, LEAST_SHARE, BudgetPart, GroupMember
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, BudgetPart, GroupMember
 from analysis.diagnosis.judge.certainty import fault_rivals, has_certain_contribution, has_certain_name, likely_rivals
 from analysis.diagnosis.judge.named import Named, Rival
 from analysis.diagnosis.judge.result import Diagnosis, Gap

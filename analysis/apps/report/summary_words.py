@@ -30,8 +30,9 @@ from analysis.apps.report.diagnosis_words import (
 from analysis.apps.report.texts import ENGLISH, Phrase, Texts, capital, extended, joined, keys_of
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
+from analysis.diagnosis.fit.selection_state import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED, Act
-from analysis.diagnosis.judge.budget_part import LARGE_SHARE, LEAST_SHARE, BudgetPart
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, BudgetPart
 from analysis.diagnosis.judge.certainty import (
     has_certain_contribution,
     has_certain_name,

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.fit.background import CoefficientPosterior, Coefficients
-from analysis.diagnosis.fit.candidates import HEALTHY, HEALTHY_APART
+from analysis.diagnosis.fit.background import CoefficientPosterior, Coefficients, ResizedCoefficients
+from analysis.diagnosis.fit.candidates import HEALTHY, HEALTHY_APART, Form
 from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
 from analysis.diagnosis.fit.leave_out import UNDECIDED, LeaveOut
 from analysis.diagnosis.fit.refine import FIT_ROUNDS, Refined, no_effects, refine
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.selection_state import (
     FAULT,
+    LEAST_SHARE,
     SelectionState,
     beginnings,
     is_alike,
@@ -34,9 +36,10 @@ from rigs.schema.effect import is_wave, name_of, size_of
 #
 # The residual of a band of orders, or of targets, has a separate strength beyond the noise, estimated in each round;
 # every effect must explain more than that. Each round adds the form with the largest gain as an effect, and fits size
-# and shape on the simulator before the next round, because the residual of a wrong shape would support wrong names. The
-# visible backlash and gear errors of a healthy arm are fitted like faults, and the size of an effect distinguishes the
-# two. Effects whose evidence no longer covers their penalty are removed.
+# and shape on the simulator before the next round, because the residual of a wrong shape would support wrong names.
+# Backlash and gear errors of usual size are fitted like faults while a band is louder than twice its noise, or an
+# unknown cause would explain a part, and stay in the background otherwise. Effects whose evidence no longer covers
+# their penalty are removed.
 
 _SEARCH_ROUNDS = 40
 """Largest number of rounds; each adds or removes an effect, and the limit therefore equals that of the effects."""
@@ -56,8 +59,8 @@ library mostly less than 8.
 _MARGIN = 1.2
 """Factor by which an unknown cause must explain more than the best name, whose first fit is not optimal. Chosen."""
 _UNEXPLAINED, _ENOUGH_FROM_NOISE = 4.0, 5.0
-"""Strength of a band, relative to the noise, from which effects are tried in its place, and the log evidence that they
-must gain. Chosen: twice the noise, and odds of 150 to 1.
+"""Strength of a band, relative to the noise, from which it is louder than the noise and effects are tried in its place,
+and the log evidence that they must gain. Chosen: twice the noise, and odds of 150 to 1.
 """
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names fitted before a name is added, and the share of the largest gain that the others must
@@ -129,6 +132,14 @@ def is_usual(size: Array) -> bool:
 def are_usual(effects: Sequence[Effect]) -> bool:
     """Whether all effects are far smaller than a fault."""
     return max(abs(size_of(effect)) for effect in effects) < _USUAL
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """Coefficients of a background in which the forms `usual` have the prior of a single effect each."""
+
+    coefficients: ResizedCoefficients
+    usual: list[int]
 
 
 @dataclass(frozen=True)
@@ -319,7 +330,8 @@ class Selection(StateEvidence):
         return left_out.state
 
     def _with_cause(self, state: SelectionState) -> SelectionState | None:
-        tried = [self._likeliest_cause_in(begun) for begun in beginnings(state)]
+        begins = beginnings(state)
+        tried = [self._likeliest_cause_in(begun, self._apart(begun, self.posterior(begun))) for begun in begins]
         found = [self.settled(each) for each in tried if each is not None]
         evidence, likeliest = self.likeliest(found) if found else (-np.inf, None)
         return likeliest if evidence > self.evidence(state) else None
@@ -337,8 +349,12 @@ class Selection(StateEvidence):
         evidence, likeliest = self.likeliest([self.settled(each) for each in tried])
         return likeliest if evidence >= self.evidence(state) else None
 
-    def _likeliest_cause_in(self, state: SelectionState) -> SelectionState | None:
-        cause = self.causes_of_circles.likeliest(self.posterior(state), {cause.kind for cause in state.unknown})
+    def _likeliest_cause_in(self, state: SelectionState, apart: _Apart | None = None) -> SelectionState | None:
+        """The state with the likeliest unknown cause, None if none gains. apart: usual effects that compete with it."""
+        posterior = (
+            apart.coefficients.background.posterior(state.refined.fitted_terms) if apart else self.posterior(state)
+        )
+        cause = self.causes_of_circles.likeliest(posterior, {cause.kind for cause in state.unknown})
         return None if cause is None or cause.gain < 0 else replace(state, unknown=(*state.unknown, cause))
 
     def _note_round(self, before: SelectionState, after: SelectionState) -> None:
@@ -354,7 +370,7 @@ class Selection(StateEvidence):
         """Add the effect of largest gain, if one covers the penalty; and the unknown cause, if one explains much
         more.
         """
-        gain = self._gains_of_allowed(state, posterior)
+        gain = self._gains_to_add(state, posterior)
         most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
@@ -392,6 +408,52 @@ class Selection(StateEvidence):
         gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
         return gain
+
+    def _gains_to_add(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
+        """Gains (n,) of the forms that may be added, minus infinity for all others.
+
+        Every arm shows effects of usual size. While they leave a band louder than its noise, or what an unknown cause
+        would explain, the forms of the background do not describe them, and others could imitate them: they are added
+        like faults, and so is one that causes a material share of the error. All others stay in the background.
+        """
+        gain, apart = self._gains_of_allowed(state, posterior), self._apart(state, posterior)
+        if apart is None or self._likeliest_cause_in(state, apart) is not None:
+            return gain
+        gain = self._gains_of_allowed(state, apart.coefficients)
+        gain[apart.usual] = -np.inf
+        gain[apart.coefficients.gains(self.columns.forms, state.level).size < _USUAL] = -np.inf
+        return gain
+
+    def _apart(self, state: SelectionState, posterior: CoefficientPosterior) -> _Apart | None:
+        """The background in which usual effects that gain more than any possible fault have the prior of a single
+        effect, so that neither a fault nor an unknown cause is found in their place. None for a state in which they are
+        added like faults.
+        """
+        if (state.strength >= _UNEXPLAINED).any():
+            return None
+        forms, coefficients, usual = self.columns.forms, posterior.as_coefficients(), list[int]()
+        while len(usual) < _DEPTH:
+            gain = self._gains_of_allowed(state, coefficients)
+            gain[usual] = -np.inf
+            best = int(np.argmax(gain))
+            size = coefficients.size(forms[best])
+            if not gain[best] > 0 or not is_usual(size):
+                break
+            if self._share_of_error(forms[best], size) > LEAST_SHARE:
+                return None
+            coefficients = coefficients.with_fault(forms[best])
+            usual.append(best)
+        return _Apart(coefficients, usual)
+
+    def _share_of_error(self, form: Form, size: Array) -> float:
+        """Share of the squared error of the nominal arm that a form of `size` (q,), in healthy sizes, causes."""
+        shown = self.linear.without_set_up(self.columns.X[:, list(form.columns)] @ size)
+        return float(shown @ shown) / self._squared_error
+
+    @cached_property
+    def _squared_error(self) -> float:
+        error = self.linear.without_set_up(self.linear.residual(()))
+        return max(float(error @ error), np.finfo(float).tiny)
 
     def step_from_noise(self, state: SelectionState) -> SelectionState | None:
         """Explain a residual that counted as noise by an effect, if that is likelier.
@@ -493,9 +555,9 @@ class Selection(StateEvidence):
     def with_usual_effects(self, state: SelectionState, before: CoefficientPosterior) -> SelectionState:
         """Add all further effects of usual size that explain as much as the one just added, and fit them together.
 
-        Every arm shows some of them, and each round of a search costs several fits. They are chosen by low-rank changes
-        of the posterior `before` the addition, one of each name, and only those that the imperfect form of another
-        cannot imitate. One whose fit would begin at the size of a fault waits for a comparison of its shapes.
+        Each round of a search costs several fits. They are chosen by low-rank changes of the posterior `before` the
+        addition, one of each name, and only those that the imperfect form of another cannot imitate. One whose fit
+        would begin at the size of a fault waits for a comparison of its shapes.
         """
         forms, added = self.columns.forms, dict[int, Effect]()
         posterior = self.posterior(state)

@@ -32,6 +32,8 @@ from rigs.schema.reference import Reference
 
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes."""
+LEAST_SHARE = 0.1
+"""Share of the error above which every part has an action, or a reason for its absence. Chosen."""
 
 
 def least_fault(effect: Effect, reference: Reference) -> float:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
+from analysis.diagnosis.fit.selection_state import LEAST_SHARE
 from analysis.diagnosis.judge.acts import (
     CHANGES_ARM,
     CORRECTED,
@@ -27,7 +28,7 @@ from analysis.diagnosis.judge.acts import (
     Reason,
     open_acts,
 )
-from analysis.diagnosis.judge.budget_part import LARGE_SHARE, LEAST_SHARE, BudgetPart
+from analysis.diagnosis.judge.budget_part import LARGE_SHARE, BudgetPart
 from analysis.diagnosis.judge.certainty import fault_rivals, has_certain_name, is_certain_cause, is_open, likely_rivals
 from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.residuals import independent_um

@@ -18,8 +18,6 @@ differs from the data sheet: no fault, at any size.
 """
 
 
-LEAST_SHARE = 0.1
-"""Share of the error above which every part has an action, or a reason for its absence."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
 

@@ -18,9 +18,10 @@ from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.fit_evidence import Fit
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import LEAST_SHARE
 from analysis.diagnosis.judge.act_list import CHECK_STATED, EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
 from analysis.diagnosis.judge.acts import Act, Cost, NamingTest, Reason
-from analysis.diagnosis.judge.budget_part import LEAST_SHARE, BudgetPart
+from analysis.diagnosis.judge.budget_part import BudgetPart
 from analysis.diagnosis.judge.certainty import fault_rivals, is_open, likely_rivals
 from analysis.diagnosis.judge.named import Named
 from analysis.diagnosis.judge.probability import CONFIRMED

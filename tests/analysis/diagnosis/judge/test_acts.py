@@ -6,6 +6,7 @@ import pytest
 from analysis.apps.report.act_words import without_idle_mounts
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.diagnosis.fit.selection_state import LEAST_SHARE
 from analysis.diagnosis.judge.act_list import (
     JudgedPlace,
     _comes_first,  # private: the same as below
@@ -15,7 +16,7 @@ from analysis.diagnosis.judge.act_list import (
     in_order,
 )
 from analysis.diagnosis.judge.acts import Act, Against, JudgedOn
-from analysis.diagnosis.judge.budget_part import LEAST_SHARE, BudgetPart, GroupMember
+from analysis.diagnosis.judge.budget_part import BudgetPart, GroupMember
 from analysis.diagnosis.judge.certainty import has_certain_name
 from analysis.diagnosis.judge.named import Rival
 from analysis.diagnosis.judge.residuals import Residual
