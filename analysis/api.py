@@ -369,7 +369,7 @@ def _diagnosed(
     tolerance_um: float | None,
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
-    from analysis.correction.foreign_constants import controller_doubts  # noqa: PLC0415
+    from analysis.correction.foreign_constants import with_controller_doubts  # noqa: PLC0415
     from analysis.correction.passport import passport_of  # noqa: PLC0415
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
@@ -382,8 +382,8 @@ def _diagnosed(
     used, held_out, elsewhere = (with_controller_of(model, group) for group in (used, held_out, elsewhere))
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
-    doubts = [*controller_doubts(diagnosis, used), *doubts]
-    diagnosis = replace(with_movements(diagnosis, movements, doubts), passport=passport_of(diagnosis))
+    diagnosis = with_controller_doubts(with_movements(diagnosis, movements, doubts), used)
+    diagnosis = replace(diagnosis, passport=passport_of(diagnosis))
     return Diagnosis.of(diagnosis, _rig_text(rig, first_given))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, po
 from analysis.correction.support import supports
 from analysis.correction.work import rms_um, spread_angles, tool_poses
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
+from analysis.diagnosis.judge.act_list import CHECK_CONSTANTS
 from analysis.robot.description.controller_constants import data_sheet_of
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, controller_arm, forward
 from analysis.robot.predict import model_of
@@ -60,11 +61,17 @@ class LinkDistances:
         )
 
 
-def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
-    """Refuse constants given after a diagnosis that the calibrated links contradict more than those of the rig file.
+def refuse_constants_of_another(rig: Rig, name: str, *, anyway: bool) -> None:
+    """Refuse constants that a diagnosis doubted, unless `anyway`, and constants given after a diagnosis that the
+    calibrated links contradict more than those of the rig file.
 
     Raises FileError.
     """
+    judged = rig.calibrated.judged if rig.calibrated else None
+    if judged and judged.measure_why == CHECK_CONSTANTS.why and not anyway:
+        problem = "was calibrated with constants that may be those of another robot"
+        remedy = "diagnose again with --calibration FILE of this robot; --anyway writes the files with a remark"
+        raise FileError(name, problem, remedy, code="robot.other")
     given = rig.robot.controller_axes
     if not given or not rig.is_calibrated or constants_hash(given) == constants_hash(rig.robot.axes):
         return
@@ -76,13 +83,22 @@ def refuse_constants_after_diagnosis(rig: Rig, name: str) -> None:
         raise FileError(name, problem, remedy, code="robot.other")
 
 
-def controller_doubts(diagnosis: Diagnosis, runs: Iterable[Measured]) -> tuple[str, ...]:
-    """Doubts about the constants with which an arm was diagnosed from runs.
+def with_controller_doubts(diagnosis: Diagnosis, runs: Iterable[Measured]) -> Diagnosis:
+    """Add doubts about the constants with which an arm was diagnosed from runs. If its links contradict them, the only
+    action is to check them, and the calibrated model states it.
 
-    Raises FileError if its links are nearer to the data sheet than to these constants.
+    Raises FileError if the links are nearer to the data sheet than to these constants.
     """
-    doubts = (doubt_links(diagnosis), "" if any(map(_shows_data_sheet, runs)) else diagnosis.rig.controller_doubt)
-    return tuple(filter(None, doubts))
+    of_links = doubt_links(diagnosis)
+    stated = "" if any(map(_shows_data_sheet, runs)) else diagnosis.rig.controller_doubt
+    diagnosis = replace(diagnosis, doubts=(*filter(None, (of_links, stated)), *diagnosis.doubts))
+    if not of_links or diagnosis.given:
+        return diagnosis
+    calibrated = diagnosis.calibrated
+    if calibrated is not None and calibrated.judged is not None:
+        first = {"measure_first": True, "measure_why": CHECK_CONSTANTS.why}
+        calibrated = calibrated.with_values(judged=calibrated.judged.model_copy(update=first))
+    return replace(diagnosis, acts=(CHECK_CONSTANTS,), calibrated=calibrated)
 
 
 def _shows_data_sheet(run: Measured) -> bool:

@@ -139,6 +139,7 @@ _WHY_FIRST = {
     "revisit": "no place was measured twice, so its error and the scatter cannot be separated",
     "commanded": "the joint angles are only commanded, and the arm may not have reached them",
     "early": "the joints were read before they came to rest",
+    "other_robot": "the constants of the controller may be those of another robot",
 }
 """Explanations of `measure_why`; without one, the left-out readings are the reason."""
 

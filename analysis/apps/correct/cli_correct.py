@@ -171,7 +171,7 @@ def correct(
     from analysis.apps.correct.stated_frames import frames_of, postures_of
     from analysis.apps.correct.stated_points import points_of
     from analysis.cli.console import progress_of
-    from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
+    from analysis.correction.foreign_constants import refuse_constants_of_another
     from analysis.correction.support import require_usable_model
     from analysis.correction.table_postures import stated_posture
     from rigs.load import load, named_by
@@ -190,7 +190,7 @@ def correct(
         origins = points_of(rig, points, since, computed_names or (), taught_names or ()) if points else None
     if path or origins is None or origins.uses_model:
         require_usable_model(rig, rig_file, anyway=anyway)
-        refuse_constants_after_diagnosis(rig, calibration or rig_file)
+        refuse_constants_of_another(rig, calibration or rig_file, anyway=anyway)
     controller = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())

@@ -84,6 +84,8 @@ MOVED = Act("mount", "moved")
 """First action after a movement between or within the runs."""
 CHECK_STATED = Act("check", "contradicted")
 """First action if the readings contradict a stated constant: remeasure the constant."""
+CHECK_CONSTANTS = Act("check", "other_robot")
+"""Only action if the constants of the controller may be those of another robot: every other depends on them."""
 EARLY = Act("wait", "early")
 """First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
 measurement."""

@@ -40,7 +40,8 @@ rig file has no further test; or the robot drives with a correction that the act
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
-    "follows", "revisit", "visits_differ", "gauges_differ", "moved", "commanded", "contradicted", "corrected",
+    "follows", "revisit", "visits_differ", "gauges_differ", "moved", "commanded", "contradicted", "other_robot",
+    "corrected",
 ]  # fmt: skip
 """Reason for an action in the list: a fault; a usual error that is large and cannot be removed otherwise; such an
 error, if the interim correction is insufficient; the interim correction; rivals to separate; a group to identify; too
@@ -49,7 +50,7 @@ tests; unknown accuracy elsewhere; joints read too early; a parameter out of ran
 unexplained part; single visits, which do not separate scatter from error; visits of a target that differ by more than
 the usual repeatability; two gauges whose difference changes between repeats more than the tool moves; a movement
 between or within the runs; angles that are only commanded; a stated constant that
-the readings contradict.
+the readings contradict; constants of the controller that may be those of another robot.
 
 Reason for no action: the error differs from run to run; the gain of a correction is too small; a target cannot contain
 an error that depends on the approach; the error belongs to the gauges; the arm is sound; the robot drives corrected.

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from analysis import diagnose
-from analysis.correction.foreign_constants import controller_doubts, refuse_constants_after_diagnosis
+from analysis.correction.foreign_constants import refuse_constants_of_another, with_controller_doubts
 from analysis.intake.controller_arm import rig_with_controller
 from rigs.arms import rig_text_of
 from rigs.edit import extended
@@ -90,25 +90,36 @@ def test_constants_that_the_calibrated_links_contradict_are_refused(files):
         if abs(delta := getattr(its, key) - getattr(axis, key)) > 1e-4
     ]
     after = extended(text, links, "cell")
-    refuse_constants_after_diagnosis(rig_with_controller(parse(after, "cell"), after, files[0])[0], "own.yaml")
+    refuse_constants_of_another(rig_with_controller(parse(after, "cell"), after, files[0])[0], "own.yaml", anyway=False)
     with refused("robot.other", "constants are probably those of another"):
-        refuse_constants_after_diagnosis(rig_with_controller(parse(after, "cell"), after, files[1])[0], "other.yaml")
+        refuse_constants_of_another(
+            rig_with_controller(parse(after, "cell"), after, files[1])[0], "other.yaml", anyway=True
+        )
 
 
-@pytest.mark.parametrize("fits", [True, False])
-def test_diagnosis_with_constants_of_another_robot_names_no_fault(fits):
+@pytest.mark.parametrize("share", [1.0, 0.15, -1.0])
+def test_constants_of_another_robot_allow_no_correction(share):
+    """The constants state this share of the true difference from the data sheet."""
     rng = np.random.default_rng(7)
     wrong = replace(none(), a=np.array([0, 0, 0, A4_MM, 0, 0]))
     seen = replace(cell("ur10e", wrong, rng), noise_mm=0.015).seen(postures("ur10e", 30, rng), rng)
     run = pose_run("ur10e", seen.q, seen.xyz_mm)
     axes = list(run.rig.robot.axes)
-    axes[3] = axes[3].model_copy(update={"a_mm": axes[3].a_mm + (A4_MM if fits else -A4_MM)})
+    axes[3] = axes[3].model_copy(update={"a_mm": axes[3].a_mm + share * A4_MM})
     rig = with_robot(run.rig, axes=tuple(axes), controller="constants")
-    if fits:
-        assert not any("constants" in doubt for doubt in diagnose(run, rig=rig).doubts)
-    else:
+    if share < 0:
         with refused("robot.other", "its links differ from these constants"):
             diagnose(run, rig=rig)
+        return
+    found = diagnose(run, rig=rig)
+    is_doubted = share < 1
+    assert any("constants" in doubt for doubt in found.doubts) == is_doubted
+    assert ([(act.kind, act.why) for act in found.acts] == [("check", "other_robot")]) == is_doubted
+    after = found.extended_rig.with_calibration(None, found.calibrated)
+    if is_doubted:
+        with refused("robot.other", "constants that may be those of another robot"):
+            refuse_constants_of_another(after, "cell.yaml", anyway=False)
+    refuse_constants_of_another(after, "cell.yaml", anyway=is_doubted)
 
 
 @pytest.mark.parametrize(("arm", "is_doubted"), [("ur10e", True), ("kuka-kr-10-r1100-2", False)])
@@ -121,5 +132,5 @@ def test_stated_data_sheet_is_doubted_if_the_maker_measures_each_robot(arm, is_d
 def test_data_sheet_of_a_diagnosis_is_doubted_unless_a_run_shows_it(is_shown):
     run = pose_run("ur10e", np.zeros((1, 6)), np.zeros((1, 3)))
     stated = with_robot(run.rig, controller="data_sheet")
-    doubts = controller_doubts(diagnosis(rig=stated), [replace(run, rig=stated)] if is_shown else [run])
-    assert ["measures each robot" in doubt for doubt in doubts] == [True] * (not is_shown)
+    judged = with_controller_doubts(diagnosis(rig=stated), [replace(run, rig=stated)] if is_shown else [run])
+    assert any("measures each robot" in doubt for doubt in judged.doubts) is not is_shown

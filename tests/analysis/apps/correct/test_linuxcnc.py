@@ -15,7 +15,7 @@ from analysis.apps.makers.linuxcnc.values import value_files
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
-from analysis.correction.foreign_constants import refuse_constants_after_diagnosis
+from analysis.correction.foreign_constants import refuse_constants_of_another
 from analysis.correction.support import supports
 from analysis.correction.work import spread_angles
 from analysis.robot.description.linuxcnc_configuration import configured_robot, narrow_limits
@@ -217,9 +217,9 @@ def test_pins_of_another_arm_are_refused_and_entered_values_are_not(tmp_path, ch
         return with_robot(rig, controller_axes=tuple(LinkConstants(**one) for one in constants))
 
     with refused("robot.other", "those of another robot"):
-        refuse_constants_after_diagnosis(given(change_mm), "second.ini")
+        refuse_constants_of_another(given(change_mm), "second.ini", anyway=False)
     for fine_mm in (0.0, 0.6):
-        refuse_constants_after_diagnosis(given(fine_mm), "cell.ini")
+        refuse_constants_of_another(given(fine_mm), "cell.ini", anyway=False)
 
 
 def test_constants_that_nearly_cancel_are_not_entered_alone(tmp_path):
