@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import os
+import re
 import shlex
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -65,6 +66,18 @@ def first_of(items: Sequence[object], most: int, separator: str = ", ") -> str:
 def enumerated(words: Sequence[str], last: str = "and") -> str:
     """Format words as `a, b and c`, with a different word before the last one if given; empty without words."""
     return f" {last} ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
+
+
+_NONZERO = re.compile(r"[+-]?[0.]*[1-9]")
+
+
+def is_too_small(text: str) -> bool:
+    """Whether a decimal number other than zero is read as zero.
+
+    >>> is_too_small("1e-400"), is_too_small("0e-400")
+    (True, False)
+    """
+    return _NONZERO.match(text) is not None and float(text) == 0
 
 
 def numbers_in(text: str) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from rigs.problems import Problem, RigFileError
+from rigs.text import is_too_small
 
 _MOST_PARTS = 500_000
 _LONGEST_NUMBER = 64
@@ -18,6 +19,7 @@ A double has 17 digits. PyYAML reads !!int 1:30 as 90, and takes a minute for a 
 _LARGEST_WHOLE = 2.0**53
 """Value above which every double is an integer with more digits than any user would write."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_WITH_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
 _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 """Exceptions of PyYAML for values with explicit tags."""
 
@@ -133,6 +135,9 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
                 walk(value)
         elif node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
             problem = f"a number of {len(node.value)} characters; write it with at most {_LONGEST_NUMBER}"
+            problems.append(Problem(node.start_mark.line + 1, "", problem))
+        elif node.style is None and _WITH_EXPONENT.fullmatch(node.value) and is_too_small(node.value):
+            problem = f"{node.value} is too small for a number; write 0 if that is meant"
             problems.append(Problem(node.start_mark.line + 1, "", problem))
 
     walk(root)

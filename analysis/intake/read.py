@@ -50,10 +50,9 @@ from daq.store.chunk import ColumnType, table_schema
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, Direction, TestName, direction_of
-from rigs.text import as_argument, enumerated
+from rigs.text import as_argument, enumerated, is_too_small
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_NONZERO = re.compile(r"[+-]?[0.]*[1-9]")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
 """Characters of plain numbers. For texts limited to these, float() and `value` agree on validity."""
@@ -91,7 +90,7 @@ def value(column: str, text: str) -> Value:
             problem = f"written with a decimal comma; write {text.replace(',', '.')}"
         raise ValueError(f"{quoted(text)} is {problem}")
     number = float(text)
-    if number == 0 and _NONZERO.match(text):
+    if is_too_small(text):
         raise ValueError(f"{quoted(text)} is too small for a number; write 0 if that is meant")
     if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
@@ -106,8 +105,8 @@ def numbers(texts: Sequence[str]) -> Array | None:
         parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except ValueError:
         return None
-    is_too_small = any(_NONZERO.match(texts[row].strip()) for row in np.flatnonzero(parsed == 0).tolist())
-    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST and not is_too_small else None
+    vanish = any(is_too_small(texts[row].strip()) for row in np.flatnonzero(parsed == 0).tolist())
+    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST and not vanish else None
 
 
 _BATCH_CELLS = 100_000

@@ -157,6 +157,12 @@ def test_huge_number_is_refused_in_short():
         assert len(str(raised.value)) < 200
 
 
+@pytest.mark.parametrize("digits", ["1e-400", "-0.02e-399", "0.5e-350"])
+def test_number_too_small_to_represent_is_not_zero(digits):
+    with pytest.raises(RigFileError, match="is too small for a number; write 0 if that is meant"):
+        parse(TEXT.replace("radius_mm: 70", f"radius_mm: {digits}"), "rig.yaml")
+
+
 def test_special_or_endless_file_is_not_read(tmp_path):
     large = tmp_path / "large.yaml"
     large.write_bytes(b"#" * 1_000_001)
