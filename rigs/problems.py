@@ -39,6 +39,7 @@ _PLAIN = {
     "float_type": "must be a number such as 12.5, without quotes or unit",
     "float_parsing": "must be a number such as 12.5, without quotes or unit",
     "finite_number": "must be a finite number",
+    "invalid_key": "is not the name of a key; write decimals with a point: 12.5",
     "bool_type": "must be true or false",
     "bool_parsing": "must be true or false",
     "string_type": "must be a text, a number in quotes",

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from daq.acquisition.streams import streams_of
-from rigs.arms import load_arm
+from rigs.arms import load_arm, rig_text_of
 from rigs.errors import FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.makers import MAKERS
@@ -145,6 +145,12 @@ def test_invalid_keys_are_refused(key):
 def test_a_rate_too_slow_to_record_with_is_refused():
     text = (SHIPPED / "ur10e-cell.yaml").read_text().replace("count: 13", "count: 13\n    rate_hz: 0.2")
     assert {message.split("least ")[1] for _, message in _problems(text).values()} == {"0.5, not 0.2"}
+
+
+def test_decimal_comma_is_named():
+    """In braces, the part after the comma is a key of its own."""
+    ((_, message),) = _problems(rig_text_of("ur10e").replace("d_mm: 180.7", "d_mm: 180,7")).values()
+    assert message == "is not the name of a key; write decimals with a point: 12.5, not 7"
 
 
 @pytest.mark.cpu_limit(20)  # read as numbers, the two of a megabyte of sexagesimal digits take half a minute
