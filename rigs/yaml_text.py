@@ -113,6 +113,11 @@ def _with_whole_numbers(value: Any) -> Any:
     return value
 
 
+def _is_plain_number(node: yaml.Node) -> bool:
+    """Whether a node is a number with an exponent, without quotes. YAML 1.1 reads one without a point as a text."""
+    return isinstance(node, yaml.ScalarNode) and node.style is None and bool(_WITH_EXPONENT.fullmatch(node.value))
+
+
 def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
     seen: set[int] = set()
     problems: list[Problem] = []
@@ -136,7 +141,7 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
         elif node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
             problem = f"a number of {len(node.value)} characters; write it with at most {_LONGEST_NUMBER}"
             problems.append(Problem(node.start_mark.line + 1, "", problem))
-        elif node.style is None and _WITH_EXPONENT.fullmatch(node.value) and is_too_small(node.value):
+        elif _is_plain_number(node) and is_too_small(node.value):
             problem = f"{node.value} is too small for a number; write 0 if that is meant"
             problems.append(Problem(node.start_mark.line + 1, "", problem))
 
